@@ -37,7 +37,7 @@ class Background:
         """Press Ctrl-C and return the exit code."""
         if self._process.poll() is None:
             self._process.send_signal(2)
-        code = self._process.wait(timeout=30)
+        code = self._process.wait(timeout=120)
         self._reader.join()
         assert self._process.stdout is not None
         self._process.stdout.close()

@@ -14,9 +14,11 @@ from typing import Any
 import pytest
 import yaml
 
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 
 from ..support import shared
+from ..support.until import until
 from .rights import DEPLOYER, INSTALLER, grant_role, write_impersonation
 
 Rigel = Callable[..., subprocess.CompletedProcess[str]]
@@ -56,11 +58,19 @@ def first_container(pod: Any) -> str:
 def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
     """Return what a command prints in a workload's pod, with ROS set up."""
     own = {"app.kubernetes.io/name": workload}
-    (pod,) = cluster.list("v1", "Pod", namespace, labels=own)
+    found = cluster.list("v1", "Pod", namespace, labels=own)
+    (pod,) = (pod for pod in found if not pod["metadata"].get("deletionTimestamp"))
     words = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
-    done = cluster.run(namespace, pod["metadata"]["name"], words, container=first_container(pod))
+    name, container = pod["metadata"]["name"], first_container(pod)
+    done = cluster.run(namespace, name, words, container=container, timeout=180)
     assert done.code == 0, done
     return str(done.stdout.decode())
+
+
+def wait_for_account(cluster: Any, namespace: str) -> None:
+    """Wait until a new namespace has the account that pods run as: before, pods are refused."""
+    account = ObjectRef("v1", "ServiceAccount", namespace, "default")
+    until(lambda: cluster.get(account), f"account of the pods of {namespace}", 120)
 
 
 @pytest.fixture(scope="session")
@@ -110,8 +120,6 @@ def deployer(context: str, deployer_config: Path) -> Iterator[Any]:
 @pytest.fixture
 def namespace(admin: Any, request: pytest.FixtureRequest) -> Iterator[str]:
     """A namespace for one test, deleted after it; the user of `deployer` may deploy into it."""
-    from rigel_k8s.objects.refs import ObjectRef
-
     name = f"t-{uuid.uuid4().hex[:8]}"
     admin.create(
         {
@@ -121,6 +129,7 @@ def namespace(admin: Any, request: pytest.FixtureRequest) -> Iterator[str]:
         }
     )
     grant_role(admin, name, "deployer", DEPLOYER)
+    wait_for_account(admin, name)
     yield name
     admin.delete(ObjectRef("v1", "Namespace", "", name))
 
@@ -149,8 +158,6 @@ def rigel_as_deployer(context: str, deployer_config: Path) -> Rigel:
 @pytest.fixture(scope="session")
 def registry(admin: Any) -> str:
     """HOST:PORT of a registry that we can push to and the nodes pull from."""
-    from rigel_k8s.objects.refs import ObjectRef
-
     if given := os.environ.get("RIGEL_TEST_REGISTRY"):
         return given
     note = admin.get(ObjectRef("v1", "ConfigMap", "kube-public", "local-registry-hosting"))
@@ -182,7 +189,6 @@ def multus(installer: list[str]) -> None:
 @pytest.fixture(scope="session")
 def prometheus_operator(cluster: Any) -> None:
     """The Prometheus operator by upstream's own manifests, unchanged; it stays on the cluster."""
-    from rigel_k8s.objects.refs import ObjectRef
     from rigel_lab.cluster.observability import OPERATOR
 
     OPERATOR.build(print)
@@ -190,7 +196,7 @@ def prometheus_operator(cluster: Any) -> None:
     for manifest in filter(None, yaml.load_all(manifests, Manifests)):
         cluster.apply(manifest)
     ref = ObjectRef("apps/v1", "Deployment", "default", "prometheus-operator")
-    for event in cluster.watch("apps/v1", "Deployment", ref.namespace, seconds=180):
+    for event in cluster.watch("apps/v1", "Deployment", ref.namespace, seconds=300):
         if event.object["metadata"]["name"] == ref.name and event.object["status"].get(
             "readyReplicas"
         ):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,30 @@ from rigel_k8s.commands.rbac import Subject, roles
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
+from tests.support.until import until
 
 DEPLOYER, INSTALLER = "rigel-test-deployer", "rigel-test-installer"
+REVIEWS = "authorization.k8s.io/v1"
 
 
 def grant_role(admin: Any, namespace: str, purpose: str, user: str) -> None:
     """Give a user what `rigel rbac` prints for a purpose."""
-    for manifest in roles(Settings(namespace=namespace), purpose, [Subject("User", user)]):
+    role, *bindings = roles(Settings(namespace=namespace), purpose, [Subject("User", user)])
+    for manifest in (role, *bindings):
         admin.apply(manifest)
+    wait_for_right(admin, user, role["rules"][0], namespace)
+
+
+def wait_for_right(admin: Any, user: str, rule: Mapping[str, Any], namespace: str = "") -> None:
+    """Wait until the API server knows of a right: it hears of its own roles by watches."""
+    resource, _, subresource = rule["resources"][0].partition("/")
+    right = {"group": rule["apiGroups"][0], "resource": resource, "subresource": subresource}
+    attributes = {**right, "verb": rule["verbs"][0], "namespace": namespace}
+    asked = {"user": user, "resourceAttributes": attributes}
+    until(
+        lambda: admin.review(REVIEWS, "SubjectAccessReview", asked).get("allowed"),
+        f"rights of {user}",
+    )
 
 
 def write_impersonation(context: str, user: str, directory: Path) -> Path:

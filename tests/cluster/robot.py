@@ -12,6 +12,9 @@ from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
+#: Seconds that a command in a pod has: on a busy machine a ROS tool takes many to start.
+PATIENCE = 180
+
 
 class Robot:
     """A Rigelfile in a directory of its own, and rigel at work on it."""
@@ -88,13 +91,16 @@ class Robot:
     def until_master_answers(self, name: str) -> None:
         """Wait until a workload's pod reaches ros-master: its Service follows the pod later."""
         command = ("rosparam", "get", "/run_id")
-        until(lambda: self._exec(name, command).code == 0, f"an answer of ros-master to {name}")
+        answers = f"an answer of ros-master to {name}"
+        until(lambda: self._exec(name, command).code == 0, answers, 120)
 
     def _exec(self, name: str, command: Sequence[str]) -> Any:
         pod = self.pods(name)[0]
         full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
         container = pod["spec"]["containers"][0]["name"]
-        return self.cluster.run(self.namespace, pod["metadata"]["name"], full, container=container)
+        return self.cluster.run(
+            self.namespace, pod["metadata"]["name"], full, container=container, timeout=PATIENCE
+        )
 
     def edit(self, ref: ObjectRef, change: dict[str, Any]) -> None:
         """Change an object as `kubectl edit` does: what was changed is kubectl's then."""

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from tests.support.until import until
 
 from .background import Background
@@ -80,7 +80,7 @@ class Robot:
             capture_output=True,
             text=True,
             check=False,
-            timeout=300,
+            timeout=600,
             **options,
         )
         assert done.returncode == code, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
@@ -95,7 +95,7 @@ def robot(
     name = f"t-cli-{uuid.uuid4().hex[:6]}"
     cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
     made = Robot(tmp_path_factory.mktemp("robot"), context, name, base_image)
-    made("run", "job", "deploy", "--timeout", "2m")
+    made("run", "job", "deploy", "--timeout", "4m")
     yield made
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
@@ -120,17 +120,16 @@ def start(robot: Robot) -> Iterator[Callable[..., Background]]:
 def test_render_is_what_apply_sends(robot: Robot, cluster: Any) -> None:
     """The API server takes every rendered document, and finds nothing to change by it."""
     for manifest in yaml.safe_load_all(robot("render").stdout):
-        live = cluster.get(
-            ObjectRef(
-                manifest["apiVersion"],
-                manifest["kind"],
-                manifest["metadata"]["namespace"],
-                manifest["metadata"]["name"],
-            )
-        )
-        after = cluster.apply(manifest, dry_run=True)
-        for meta in (live["metadata"], after["metadata"]):
-            meta.pop("managedFields")
+        ref = ref_of(manifest)
+
+        def read_both(ref: ObjectRef = ref, manifest: Any = manifest) -> tuple[Any, Any] | None:
+            live, after = cluster.get(ref), cluster.apply(manifest, dry_run=True)
+            for meta in (live["metadata"], after["metadata"]):
+                meta.pop("managedFields")
+            versions = {live["metadata"]["resourceVersion"], after["metadata"]["resourceVersion"]}
+            return (live, after) if len(versions) == 1 else None  # a controller wrote in between
+
+        live, after = until(read_both, f"moment in which no one writes {ref}")
         assert after == live
 
 
@@ -175,7 +174,13 @@ def test_status_says_what_runs_where(robot: Robot) -> None:
 
 def test_graph_shows_nodes_topics_and_rates(robot: Robot, tmp_path: Path) -> None:
     """As the master and the nodes tell it, and no node hears of a new subscriber."""
-    found = json.loads(robot("graph", "-o", "json").stdout)
+
+    def read_graph() -> Any:
+        found = json.loads(robot("graph", "-o", "json").stdout)
+        rates = [topic["rate"] or 0 for topic in found["topics"] if topic["name"] == "/chatter"]
+        return found if rates and 3 < rates[0] < 7 else None
+
+    found = until(read_graph, "a graph of a moment in which the talker keeps to its 5 Hz")
     nodes = {node["name"]: node for node in found["nodes"]}
     assert {"/talker", "/lab/listener"} <= set(nodes)
     assert (nodes["/talker"]["workload"], nodes["/talker"]["up"]) == ("talker", True)
@@ -287,13 +292,17 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
     until(lambda: running.found("said hello"), "hello")
     assert not running.found("talker begins"), "--tail left the beginning out"
     robot("exec", "lab/listener", "--", "rosnode", "kill", "/talker")
-    until(lambda: running.found("talker begins"), "beginning")
+    until(lambda: running.found("talker begins"), "beginning", 180)
     before = robot("logs", "--previous", "--tail", "1", "talker").stdout
     assert before in [f"{line}\n" for line in running.lines]
     begun = len([line for line in running.lines if "talker begins" in line])
     robot.write(COLOR="green")
-    robot("run", "job", "deploy", "--timeout", "2m")
-    until(lambda: len([x for x in running.lines if "talker begins" in x]) > begun, "new beginning")
+    robot("run", "job", "deploy", "--timeout", "4m")
+    until(
+        lambda: len([x for x in running.lines if "talker begins" in x]) > begun,
+        "new beginning",
+        180,
+    )
     assert running.interrupt() == 130
     assert not any("Traceback" in line for line in running.lines)
 
@@ -301,9 +310,9 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
 def test_history_and_rollback(robot: Robot) -> None:
     """The last deploy can be undone; what is deployed is a new revision that says so."""
     robot.write(COLOR="red")
-    robot("run", "job", "deploy", "--timeout", "2m")
+    robot("run", "job", "deploy", "--timeout", "4m")
     before = json.loads(robot("history", "-o", "json").stdout)
-    done = robot("rollback", "--timeout", "2m")
+    done = robot("rollback", "--timeout", "4m")
     assert f"rollback to revision {before[-2]['number']}" in done.stdout
     after = json.loads(robot("history", "-o", "json").stdout)
     assert len(after) == len(before) + 1
@@ -319,18 +328,19 @@ def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> Non
     jobs = json.loads(robot.file.read_text())["jobs"]
     jobs["deploy"]["with"]["gate"] = False  # which would give it its registrations back
     robot.save(jobs)
-    robot("run", "job", "deploy", "--timeout", "2m")
+    robot("run", "job", "deploy", "--timeout", "4m")
     master = json.loads(robot("status", "-o", "json").stdout)["workloads"][1]["pods"][0]["name"]
     cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
 
     def told() -> Done | None:
         done = subprocess.run(
-            robot.command("status"), capture_output=True, text=True, check=False, timeout=60
+            robot.command("status"), capture_output=True, text=True, check=False, timeout=300
         )
         lines = [line for line in done.stdout.splitlines() if "rollout restart" in line]
-        return done if done.returncode == 1 and any("talker" in line for line in lines) else None
+        orphaned = done.returncode == 1 and any("talker" in line for line in lines)
+        return done if orphaned and "is an orphan" in done.stdout else None
 
-    done = until(told, "word of it", 90)
+    done = until(told, "word of it", 300)
     assert "is an orphan" in done.stdout
     way_out = next(line for line in done.stdout.splitlines() if "rollout restart" in line)
     assert f"kubectl -n {robot.namespace} rollout restart deployment" in way_out

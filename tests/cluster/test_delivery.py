@@ -43,7 +43,7 @@ jobs:
           placement: {apart_from: [talker]}
   check:
     plugin: rigel_k8s.DeliveryPlugin
-    with: {namespace: SPACE, publisher: talker, subscriber: listener}
+    with: {namespace: SPACE, publisher: talker, subscriber: listener, timeout: 4m}
   check_deaf:
     plugin: delivery
     with: {namespace: SPACE, publisher: talker, subscriber: deaf, timeout: 5s}

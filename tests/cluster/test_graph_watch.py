@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.until import until
 
 from .robot import Robot
 
@@ -50,17 +51,26 @@ class Talking(Robot):
             "listener": {"args": ["python3", "-c", LISTENER]},
         }
         self.write(nodes, **more)
-        return self.rigel("run", "job", "deploy", "--timeout", "2m", check=check)
+        return self.rigel("run", "job", "deploy", "--timeout", "4m", check=check)
 
     def publishers(self) -> list[str]:
         """Return who publishes /chatter."""
+        return self.ends()[0]
+
+    def ends(self) -> tuple[list[str], list[str]]:
+        """Return who publishes /chatter, and who subscribes to it."""
         found = json.loads(self.rigel("graph", "-o", "json", check=False).stdout)
-        return [
-            name
-            for topic in found["topics"]
-            if topic["name"] == "/chatter"
-            for name in topic["publishers"]
-        ]
+        topics = [topic for topic in found["topics"] if topic["name"] == "/chatter"]
+        return (topics[0]["publishers"], topics[0]["subscribers"]) if topics else ([], [])
+
+    def until_talking(self) -> None:
+        """Wait until both are connected: a node is ready before it has registered its topics."""
+        until(
+            lambda: self.ends() == (["/talker"], ["/listener"]),
+            "a talker and a listener at /chatter",
+            180,
+            despite=(ValueError,),  # the graph cannot be read
+        )
 
     def revisions(self) -> list[str]:
         """Return the status of each revision."""
@@ -78,6 +88,7 @@ def robot(
     made = Talking(tmp_path_factory.mktemp("robot"), namespace, base_image, rigel, cluster)
     first = made.update("chatter")
     assert "ROS graph" not in first.stderr, "there is nothing to compare a first deploy with"
+    made.until_talking()
     yield made
     cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
 
@@ -98,6 +109,7 @@ def test_a_lost_publisher_is_rolled_back_where_that_is_asked_for(robot: Talking)
     assert done.returncode == 1
     assert "worse than before the update: rolled back to revision 2, as revision 4" in done.stderr
     assert LOST in done.stderr
+    robot.until_talking()  # the talker that is back waits until the other one has ended
     assert robot.publishers() == ["/talker"]
     assert robot.revisions()[-2:] == ["failed", "good"]
 

@@ -61,7 +61,7 @@ class Talking(Robot):
             "listener": {"args": ["python3", "-c", LISTENER]},
         }
         self.write(nodes, **more)
-        return self.rigel("run", "job", "deploy", "--timeout", "2m", check=check)
+        return self.rigel("run", "job", "deploy", "--timeout", "4m", check=check)
 
     def heard(self) -> list[tuple[float, str, int]]:
         """Return (time, version, number) of what the listener has heard."""
@@ -71,7 +71,12 @@ class Talking(Robot):
 
     def until_heard(self, version: str) -> None:
         """Wait until the listener hears a version."""
-        until(lambda: self.heard()[-1][1] == version, f"messages of {version}", every=0.5)
+        until(
+            lambda: [heard for _, heard, _ in self.heard()[-1:]] == [version],
+            f"messages of {version}",
+            180,
+            every=0.5,
+        )
 
     def uid(self, name: str) -> str:
         """Return which pod a workload has."""
@@ -113,7 +118,7 @@ def test_a_newcomer_that_fails_changes_nothing(robot: Talking) -> None:
     assert done.returncode == 1
     assert "no camera" in done.stdout + done.stderr
     assert [one["metadata"]["uid"] for one in robot.pods("talker")].count(pod) == 1
-    after = until(lambda: (h := robot.heard()[-1])[0] > before[0] + 1 and h, "messages")
+    after = until(lambda: (h := robot.heard()[-1])[0] > before[0] + 1 and h, "messages", 120)
     assert after[1] == before[1]
     robot.update("v3")
     robot.until_heard("v3")
@@ -135,7 +140,7 @@ def test_a_master_on_another_machine_goes_on(robot: Talking) -> None:
     (master,) = robot.pods("ros-master")
     name = master["metadata"]["name"]
     robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, name), grace_seconds=0)
-    until(lambda: robot.ready("ros-master"), "a new master")
+    until(lambda: robot.ready("ros-master"), "a new master", 240)
     robot.until_master_answers("listener")
     assert "v3" in robot.run("listener", "sh", "-c", HEARS)
     assert robot.run("listener", "rosparam", "get", "/robot/name").strip() == "rosie"

@@ -35,10 +35,9 @@ def pod(cluster: Any, registry: str) -> Iterator[ObjectRef]:
     manifest = shell_pod(namespace.name, registry)
     wait_for_account(cluster, namespace.name)
     cluster.apply(manifest)
-    for event in cluster.watch("v1", "Pod", namespace.name, seconds=60):
-        if event.object.get("status", {}).get("phase") == "Running":
-            break
-    yield ObjectRef("v1", "Pod", namespace.name, "shell")
+    made = ObjectRef("v1", "Pod", namespace.name, "shell")
+    until(lambda: cluster.get(made)["status"].get("phase") == "Running", "a running pod", 240)
+    yield made
     cluster.delete(namespace)
 
 
@@ -59,9 +58,8 @@ def shell_pod(namespace: str, registry: str) -> dict[str, Any]:
 
 def wait_for_account(cluster: Any, namespace: str) -> None:
     """A pod is refused while its namespace has no service account yet."""
-    for event in cluster.watch("v1", "ServiceAccount", namespace, seconds=30):
-        if event.object["metadata"]["name"] == "default":
-            return
+    account = ObjectRef("v1", "ServiceAccount", namespace, "default")
+    until(lambda: cluster.get(account), "a service account", 120)
 
 
 def config(namespace: str, **data: str) -> dict[str, Any]:
@@ -162,13 +160,13 @@ def test_a_watch_outlives_lost_connections_and_expired_versions(
 
     thread = threading.Thread(target=follow)
     thread.start()
-    until(lambda: ("ADDED", "c") in seen, "what was there", 30)
+    until(lambda: ("ADDED", "c") in seen, "what was there", 120)
     cluster.patch(ObjectRef("v1", "ConfigMap", namespace, "c"), {"data": {"a": "1"}})
-    until(lambda: ("DELETED", "c") in seen, "end", 30)
+    until(lambda: ("DELETED", "c") in seen, "end", 120)
     cluster.create(config(namespace))
-    until(lambda: seen[-1] == ("ADDED", "c"), "new object", 30)
+    until(lambda: seen[-1] == ("ADDED", "c"), "new object", 120)
     over.set()
-    thread.join(timeout=5)
+    thread.join(timeout=60)
     assert not thread.is_alive()
     assert len(opened) >= 3
 
@@ -214,12 +212,20 @@ def test_a_terminal_is_a_terminal(cluster: Any, pod: ObjectRef) -> None:
     fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 33, 77, 0, 0))
     before = termios.tcgetattr(inner)
     output = io.BytesIO()
+    # The size comes beside the keys, and perhaps after them.
+    line = b"until stty size | grep 33.77; do sleep 0.2; done; tty; exit 5\r"
+
+    def press_keys() -> None:
+        until(lambda: termios.tcgetattr(inner) != before, "raw mode, which forgets earlier keys")
+        os.write(outer, line)
+
     with open(inner, "rb", buffering=0) as stdin:  # noqa: PTH123  a descriptor, no path
-        keys = threading.Timer(1, os.write, (outer, b"sleep 0.5; stty size; tty; exit 5\r"))
+        keys = threading.Thread(target=press_keys)
         keys.start()
         code = cluster.exec(
             pod.namespace, pod.name, ["sh"], stdin=stdin, stdout=output, stderr=output, tty=True
         )
+        keys.join()
         assert termios.tcgetattr(inner) == before
     os.close(outer)
     assert code == 5
@@ -235,10 +241,10 @@ def test_a_port_is_forwarded_once_for_each_connection(cluster: Any, pod: ObjectR
     )
     serving.start()
     with cluster.port_forward(pod.namespace, pod.name, {7000: 0, 7001: 0}) as forward:
-        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 30)
+        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 120)
         assert answer(forward.ports[7001]) == b""
         assert any("7001" in error for error in forward.errors)
-        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 30)
+        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 120)
         port = forward.ports[7000]
         with pytest.raises(UserError, match="cannot listen"):
             cluster.port_forward(pod.namespace, pod.name, {1: port}).__enter__()
@@ -248,12 +254,12 @@ def test_a_port_is_forwarded_once_for_each_connection(cluster: Any, pod: ObjectR
 
 def run_until_killed(cluster: Any, pod: ObjectRef, command: list[str]) -> None:
     with suppress(ClusterError):
-        cluster.run(pod.namespace, pod.name, command, timeout=20)
+        cluster.run(pod.namespace, pod.name, command, timeout=300)
 
 
 def answer(port: int) -> bytes:
     """Return what a local port says."""
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
         try:
             return connection.recv(100)
         except ConnectionResetError:
@@ -262,8 +268,11 @@ def answer(port: int) -> bytes:
 
 def test_events_are_those_of_the_object(cluster: Any, pod: ObjectRef) -> None:
     """Oldest first."""
-    reasons = [event["reason"] for event in cluster.events(cluster.get(pod))]
-    assert "Started" in reasons
+
+    def reasons() -> list[str]:
+        return [event["reason"] for event in cluster.events(cluster.get(pod))]
+
+    until(lambda: "Started" in reasons(), "event that the container has started", 120)
 
 
 def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> None:
@@ -329,7 +338,11 @@ def test_no_server_is_told_with_its_context(tmp_path: Path) -> None:
 def test_a_watch_may_begin_at_no_version(cluster: Any, version: str) -> None:
     """Scripts and other tools watch so; a storage that cannot stream lists made errors of it."""
     path = f"/api/v1/namespaces?watch=true&timeoutSeconds=1{version}"
-    answer = cluster.client.transport.request("GET", path, "watch namespaces")
-    kinds = {json.loads(line)["type"] for line in answer.body.splitlines()}
-    assert "ADDED" in kinds
-    assert "ERROR" not in kinds
+
+    def watch() -> bool:
+        answer = cluster.client.transport.request("GET", path, "watch namespaces")
+        kinds = {json.loads(line)["type"] for line in answer.body.splitlines()}
+        assert "ERROR" not in kinds
+        return "ADDED" in kinds
+
+    until(watch, "namespaces within the second of a watch")

@@ -91,7 +91,7 @@ def test_messages_go_through_the_nodes_of_a_stack(robot: Robot, config: dict[str
     robot.deploy()
     setter = "rigel-k8s-application-global-parameters"
     assert robot.deployments() == {"ros-master", setter, "source", "talker", "robot1-listener"}
-    heard = ("timeout", "60", "rostopic", "echo", "-n", "1", "/robot1/heard/data")
+    heard = ("timeout", "150", "rostopic", "echo", "-n", "1", "/robot1/heard/data")
     assert "hello" in robot.run("robot1-listener", *heard)
     assert yaml.safe_load(robot.run("talker", "rosparam", "get", "/talker")) == {
         "rate": 2,

@@ -113,19 +113,23 @@ def test_only_the_releases_own_pods_and_those_allowed_reach_it(
         robot.write(NODES, network_policy=True)
         robot.deploy()
         assert [pod["metadata"]["uid"] for pod in robot.pods("talker")] == before
-        until(lambda: not far.reaches(*ports[0]), "the policy to be enforced")
+        until(
+            lambda: not any(far.reaches(*port) for port in ports),
+            "the policy to be enforced on all machines",
+            180,
+        )
         assert not any(beside.reaches(*port) for port in ports)
 
         cluster.delete(
             ObjectRef("v1", "Pod", namespace, robot.pods("talker")[0]["metadata"]["name"])
         )
-        until(lambda: robot.ready("talker"), "a new talker is ready")
+        until(lambda: robot.ready("talker"), "a new talker is ready", 240)
         heard = count_heard(robot)
-        until(lambda: count_heard(robot) > heard, "the listener hears the new talker")
+        until(lambda: count_heard(robot) > heard, "the listener hears the new talker", 180)
         assert "/chatter" in robot.rigel("graph").stdout
         assert "/talker" in robot.run("ros-master", "rosnode", "list")
 
         robot.write(NODES, network_policy={"allow": ["stranger", f"{elsewhere}/*"]})
         robot.deploy()
-        until(lambda: beside.reaches(*ports[0]), "the allowed release reaches the master")
-        until(lambda: far.reaches(*ports[0]), "the allowed namespace reaches the master")
+        until(lambda: beside.reaches(*ports[0]), "the allowed release reaches the master", 180)
+        until(lambda: far.reaches(*ports[0]), "the allowed namespace reaches the master", 180)

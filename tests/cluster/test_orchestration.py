@@ -173,8 +173,9 @@ def test_results_are_copied_out_of_the_application(
         "additional_k8s_params": {"application": {"spec": spec}},
     }
     told = run({**job, "results": {"source_path": "/tmp/none"}})
-    assert "/tmp/none does not exist" in told.warnings[0]
-    run({**job, "results": {"source_path": "/tmp/out", "wait": "30s"}})
+    # On a busy machine the roll-out may have warnings of its own.
+    assert any("/tmp/none does not exist" in text for text in told.warnings)
+    run({**job, "results": {"source_path": "/tmp/out", "wait": "3m"}})
     assert (tmp_path / "results" / "out" / "deep" / "answer").read_text() == "42\n"
     with pytest.raises(RigelK8sError, match=r"does not exist in pod .* after 1 s"):
         run({**job, "results": {"source_path": "/tmp/none", "wait": "1s"}})

@@ -62,7 +62,9 @@ def stored(node: dict[str, Any]) -> dict[str, Any]:
 
 def until_heard(robot: Robot, text: str) -> None:
     """Wait until the listener has logged a message."""
-    until(lambda: f"heard {text}" in robot.rigel("logs", "listener").stdout, f"{text} is heard")
+    until(
+        lambda: f"heard {text}" in robot.rigel("logs", "listener").stdout, f"{text} is heard", 180
+    )
 
 
 def until_measured(robot: Robot, topic: str) -> None:
@@ -76,7 +78,7 @@ def until_measured(robot: Robot, topic: str) -> None:
         lines = (line for line in text.splitlines() if line.startswith(counted))
         return any(float(line.rpartition(" ")[2]) > 0 for line in lines)
 
-    until(measured, f"messages of {topic} in the exporter")
+    until(measured, f"messages of {topic} in the exporter", 180)
 
 
 def exported(image: str) -> dict[str, Any]:
@@ -181,8 +183,12 @@ def test_ros2_hears_an_unrestricted_driver_of_another_namespace(
     file.write_text(json.dumps({"application": {"distro": "jazzy"}, "jobs": jobs}))
     try:
         for job in jobs:
-            rigel("-f", str(file), "run", "job", job, "--timeout", "2m")
+            rigel("-f", str(file), "run", "job", job, "--timeout", "5m")
         place = ("-f", str(file), "-n", restricted)
-        until(lambda: "heard v1" in rigel(*place, "logs", "listener").stdout, "the driver is heard")
+        until(
+            lambda: "heard v1" in rigel(*place, "logs", "listener").stdout,
+            "the driver is heard",
+            180,
+        )
     finally:
         cluster.delete(ObjectRef("v1", "Namespace", "", drivers))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import socket
-import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import yaml
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from tests.support.until import until
 
+from .background import Background
 from .rights import DEPLOYER, grant_role, write_impersonation
 from .robot import Robot
 
@@ -138,31 +139,36 @@ def look_as_deployer(robot: Robot) -> None:
         ("exec talker rosnode list", "/talker"),
         ("doctor", "all that ROS 1's gate needs"),
     ):
-        assert answer in robot.rigel(*words.split()).stdout, words
+        until(partial(is_told, robot, words, answer), f"{answer} in `rigel {words}`", 180)
+
+
+def is_told(robot: Robot, words: str, answer: str) -> bool:
+    """Return whether a command says this; a node is ready before it has its topics and logs."""
+    done = robot.rigel(*words.split(), check=False)
+    return done.returncode == 0 and answer in done.stdout
 
 
 def forwards(robot: Robot, context: str, config: Path) -> bool:
     """Return whether a forwarded port is open: it is the gate's, and answers to HTTP."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     place = ("-f", str(robot.file), "--kubeconfig", str(config), "--context", context)
-    words = (*place, "-n", robot.namespace, "forward", "ros-master", f"{port}:11311")
-    process = subprocess.Popen([sys.executable, "-m", "rigel_k8s", *words])
+    words = (*place, "-n", robot.namespace, "forward", "ros-master", ":11311")
+    running = Background([sys.executable, "-m", "rigel_k8s", *words])
 
     def answers() -> bool:
+        door = running.found(r"127\.0\.0\.1:(\d+) -> ")
+        if not door:
+            return False
         try:
-            with socket.create_connection(("127.0.0.1", port), 5) as there:
+            with socket.create_connection(("127.0.0.1", int(door[1])), 30) as there:
                 there.sendall(b"GET / HTTP/1.0\r\n\r\n")
                 return there.recv(4) == b"HTTP"
         except OSError:
             return False
 
     try:
-        return bool(until(answers, "an answer through the forwarded port", 30))
+        return bool(until(answers, "an answer through the forwarded port", 180))
     finally:
-        process.terminate()
-        process.wait()
+        running.interrupt()
 
 
 def look_as_viewer(robot: Robot, view: Callable[..., Any]) -> None:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any, TypeVar
 
 import attrs
 import pytest
@@ -33,7 +34,12 @@ from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
 from tests.support.until import until
 
+T = TypeVar("T")
+
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+#: Seconds for what starts a Python in a pod; on a busy machine it takes many.
+PATIENCE = 120
+WAIT = ("--wait", str(PATIENCE))
 NODE = ("/bin/sh", "/rigel-k8s/ready.sh", "node")
 MASTER = ("/bin/sh", "/rigel-k8s/ready.sh", "master")
 STOP = ("/bin/sh", "/rigel-k8s/stop.sh")
@@ -81,7 +87,7 @@ class Pod:
     init: int = 0
 
     def exec(
-        self, *command: str, env: Mapping[str, str] | None = None, timeout: float = 60
+        self, *command: str, env: Mapping[str, str] | None = None, timeout: float = 240
     ) -> subprocess.CompletedProcess[str]:
         """Run a command in the container as `kubectl exec` does: no entry point, the pod's env."""
         return subprocess.run(
@@ -140,7 +146,8 @@ class Pod:
         Returns the seconds until the container had ended.
         """
         started = time.monotonic()
-        self.exec(*STOP, timeout=grace)
+        with suppress(subprocess.TimeoutExpired):  # the grace period ends the hook, too
+            self.exec(*STOP, timeout=grace)
         with suppress(ProcessLookupError):
             os.kill(self.init, signal.SIGTERM)
         while self.alive() and time.monotonic() - started < grace:
@@ -193,7 +200,7 @@ class Pods:
         gate = self.gate(address, *options)
         self.master_uri = f"http://{address}:{MASTER_PORT}"
         roscore = self.behind(gate)
-        done = gate.exec(*MASTER, "--wait", "30")
+        done = gate.exec(*MASTER, *WAIT)
         assert done.returncode == 0, done.stdout + gate.log() + roscore.log()
         return gate, roscore
 
@@ -226,14 +233,14 @@ class Pods:
         return self.answering(self.start("ros-master", *command, address=address))
 
     def answering(self, pod: Pod) -> Pod:
-        done = pod.exec(*MASTER, "--wait", "30")
+        done = pod.exec(*MASTER, *WAIT)
         assert done.returncode == 0, done.stdout + pod.log()
         return pod
 
     def node(self, name: str, *command: str, **options: object) -> Pod:
         """Start a pod and wait until its probe says ready."""
         pod = self.start(name, *command, **options)  # type: ignore[arg-type]
-        done = pod.probe("--wait", "30")
+        done = pod.probe(*WAIT)
         assert done.returncode == 0, done.stdout + pod.log()
         return pod
 
@@ -349,8 +356,8 @@ def _put(path: Path, content: str | bytes) -> None:
 def _child(process: subprocess.Popen[str]) -> int:
     """The one child of `unshare --fork`, once it has become the container's own command."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline and process.poll() is None:
         found = _text(children).split()
         if found and _link(Path(f"/proc/{found[0]}/root")) not in (None, Path("/")):
             return int(found[0])
@@ -402,11 +409,11 @@ def pods(rootfs: Path, tmp_path: Path) -> Iterator[Pods]:
 
 
 @pytest.fixture
-def eventually() -> Callable[..., None]:
-    """Wait until a condition holds; fails with what it last saw."""
+def eventually() -> Callable[..., Any]:
+    """Wait until a condition holds, and return its answer; fails with what was awaited."""
 
-    def wait(condition: Callable[[], object], what: str, seconds: float = 30) -> None:
-        until(condition, what, seconds)
+    def wait(condition: Callable[[], T], what: str, seconds: float = PATIENCE) -> T:
+        return until(condition, what, seconds)
 
     return wait
 

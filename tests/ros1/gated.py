@@ -6,6 +6,8 @@ import re
 
 from rigel_k8s.objects.pods import GATE_PORT, MASTER_PORT
 
+from .conftest import WAIT
+
 TALKER = """
 import sys, time, rospy, std_msgs.msg
 time.sleep(float(sys.argv[2]))
@@ -54,7 +56,7 @@ def listener(pods, name="listener", topic="/chatter"):
 
 
 def ready(pod):
-    done = pod.probe("--wait", "30")
+    done = pod.probe(*WAIT)
     assert done.returncode == 0, done.stdout + pod.log()
     return done.stdout
 

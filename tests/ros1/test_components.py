@@ -14,7 +14,7 @@ from rigel_k8s.settings import Application
 from tests.support.options import options
 from tests.support.until import until
 
-from .conftest import Pod, Pods
+from .conftest import WAIT, Pod, Pods
 from .gated import hands_over, heard, listener, talker
 
 #: The nodelet is compiled in an image of its own, which takes minutes to build.
@@ -71,7 +71,7 @@ def test_a_nodelet_is_loaded_with_its_name_parameters_and_remappings(pods, nodel
     completed = {**ECHO, "parameters": {"words": {"before": "$(env SOUND)-"}}}
     container = manager(echo=completed, substitution_args=True)
     pod = start(pods, container, nodelet, SOUND="echo")
-    done = pod.exec(*container.probe, "--wait", "30")
+    done = pod.exec(*container.probe, *WAIT)
     line = "ready: /manager, /manager has loaded /robot/echo\n"
     assert (done.returncode, done.stdout) == (0, line), pod.log()
     ears = listener(pods, topic="/robot/said")
@@ -121,11 +121,11 @@ def test_a_manager_hands_over_with_its_nodelets(pods, nodelet):
         for text in ("old-", "new-")
     )
     old = start(pods, first, nodelet, **env)
-    assert old.exec(*first.probe, "--wait", "30").returncode == 0, old.log()
+    assert old.exec(*first.probe, *WAIT).returncode == 0, old.log()
     ears = listener(pods, topic="/echoed")
     until(lambda: "old-v1" in versions_of(ears), "the old one", last_words=old.log)
     new = start(pods, second, nodelet, **env)
-    done = new.exec(*second.probe, "--wait", "30")
+    done = new.exec(*second.probe, *WAIT)
     assert "/manager waits to take over, /manager has loaded /robot/echo" in done.stdout, new.log()
     assert "new-v1" not in versions_of(ears)
     old.terminate()

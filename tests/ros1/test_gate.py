@@ -319,7 +319,7 @@ def test_roscore_is_reached_through_the_gate_only(pods):
     heard_log = (
         "/rigel-k8s/exec.sh",
         "timeout",
-        "20",
+        "120",
         "rostopic",
         "echo",
         "-n1",

@@ -7,6 +7,8 @@ import subprocess
 
 import pytest
 
+from .conftest import WAIT
+
 MASTER = ("/bin/sh", "/rigel-k8s/ready.sh", "master")
 pytestmark = pytest.mark.cluster
 
@@ -38,7 +40,7 @@ FILES = {"/talker.py": TALKER}
 EXEC = ("/bin/sh", "/rigel-k8s/exec.sh")
 THREE = "/talker.py one & /talker.py two & /talker.py three & wait"
 #: Goes on when the master shuts its node down.
-STUBBORN = ("bash", "-c", "/talker.py talker; exec sleep 60")
+STUBBORN = ("bash", "-c", "/talker.py talker; exec sleep 1000")
 KEPT = "/tmp/.rigel-k8s-nodes"
 
 
@@ -106,11 +108,13 @@ def test_stopped_process(pods, command):
 def test_starting(pods, eventually):
     """--wait notices a node that starts late, in one process."""
     pods.rosmaster()
-    pod = pods.start("talker", "bash", "-c", "sleep 2; exec /talker.py talker", files=FILES)
+    late = "until test -e /tmp/asked; do sleep 0.1; done; sleep 2; exec /talker.py talker"
+    pod = pods.start("talker", "bash", "-c", late, files=FILES)
     at_once = pod.probe()
     assert at_once.returncode == 1
     assert "no process of this container listens yet" in at_once.stdout
-    assert pod.probe("--wait", "20").stdout == "ready: /talker\n"
+    pod.exec("touch", "/tmp/asked")
+    assert pod.probe(*WAIT).stdout == "ready: /talker\n"
 
 
 def test_master_restarted(pods):
@@ -130,7 +134,7 @@ def test_master_restarted(pods):
     assert "restart this pod" in orphan.stdout
 
 
-def test_registered_by_halves(pods):
+def test_registered_by_halves(pods, eventually):
     """A node that told a new master one topic but not its others is an orphan still."""
     master = pods.rosmaster()
     pod = pods.node("talker", "/late.py", files={"/late.py": LATE})
@@ -138,7 +142,7 @@ def test_registered_by_halves(pods):
     pods.answering(pods.start("ros-master-2", "roscore", address=master.address))
     pod.signal("late.py", signal.SIGUSR1)
     other = pods.node("relay", *RELAY)
-    assert pods.is_registered(other, "/late")
+    eventually(lambda: pods.is_registered(other, "/late"), "the node is registered again")
     done = pod.probe()
     assert done.returncode == 1
     assert "does not have its /early" in done.stdout
@@ -168,6 +172,7 @@ def test_crashed_node(pods, eventually):
     pod = pods.node("three", "bash", "-c", THREE, files=FILES)
     eventually(lambda: pod.probe().stdout.count("/") == 3, "all three nodes found")
     pod.signal("python /talker.py two", signal.SIGKILL)
+    eventually(lambda: not pod.pids("python /talker.py two"), "the node has ended")
     assert "/two" in pod.probe().stdout
     assert "has crashed" in pod.probe().stdout
 
@@ -196,11 +201,11 @@ def test_a_tool_that_was_killed(pods, eventually, left):
 def test_a_tool_makes_nothing_ready(pods, eventually):
     """While the pod's own node has not started, a visitor's does not stand for it."""
     master = pods.rosmaster()
-    pod = pods.start("talker", "sleep", "60", files=FILES)
+    pod = pods.start("talker", "sleep", "1000", files=FILES)
     with subprocess.Popen(pod.entering(*EXEC, "/talker.py", "visitor")):
         eventually(lambda: pods.is_registered(master, "/visitor"), "the visitor is registered")
         assert "no process of this container listens yet" in pod.probe().stdout
-        pod.signal("python /talker.py", signal.SIGINT)
+        pod.signal("python /talker.py", signal.SIGKILL)
 
 
 def test_stopped_on_purpose(pods, eventually):
@@ -221,7 +226,7 @@ def test_restarted_by_a_shell(pods, eventually):
     old = pod.pids("talker.py talker")
     pod.signal("python /talker.py talker", signal.SIGKILL)
     eventually(lambda: set(pod.pids("python /talker.py")) - set(old), "another process")
-    assert pod.probe("--wait", "20").returncode == 0
+    assert pod.probe(*WAIT).returncode == 0
 
 
 def test_shared_address(pods):
@@ -310,11 +315,12 @@ def test_slow_name_service(pods, eventually):
     assert "timed out after" in done.stdout
 
 
-def test_a_starting_roscore_is_not_ready_before_its_parameters(pods):
+def test_a_starting_roscore_is_not_ready_before_its_parameters(pods, eventually):
     """Nodes start when roscore is ready, and may ask for /rosversion at once."""
     pods.master_uri = "http://localhost:11311"
     slow = "from rosmaster.main import rosmaster_main; rosmaster_main(['--core'])"
     master = pods.start("ros-master", "python3", "/roscore", files={"/roscore": slow})
+    eventually(lambda: master.exec(*MASTER).returncode == 0, "an answer of its master")
     early = master.exec(*MASTER, "--wait", "4")
     assert (early.returncode, early.stdout) == (1, "roscore has not set /rosversion yet\n")
     assert master.exec(*EXEC, "rosparam", "set", "/rosversion", "1.16.0").returncode == 0

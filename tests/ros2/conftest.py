@@ -29,6 +29,7 @@ from rigel_k8s.graph.looks import look
 from rigel_k8s.graph.members import Member
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.system.cache import locked
+from tests.support.until import until
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rigel-k8s" / "tests"
@@ -37,6 +38,8 @@ PACKAGES = {
     "kilted": ["ros-kilted-rclpy", "ros-kilted-rmw-fastrtps-cpp", "ros-kilted-std-msgs"],
     "dds": ["cyclonedds", "eclipse-zenoh"],
 }
+#: Seconds for what starts a Python in a pod; on a busy machine it takes many.
+PATIENCE = 120
 _BOX = 'mount -t proc proc /proc; mount --bind "$HOSTS" /etc/hosts; exec env -i "$@"'
 
 ROS_NODE = """
@@ -87,7 +90,7 @@ class Pod:
     def exec(self, *command: str) -> subprocess.CompletedProcess[str]:
         """Run a command in the pod."""
         return subprocess.run(
-            self.entering(command), capture_output=True, text=True, timeout=60, check=False
+            self.entering(command), capture_output=True, text=True, timeout=240, check=False
         )
 
     def entering(self, command: Sequence[str]) -> list[str]:
@@ -99,6 +102,12 @@ class Pod:
     def probe(self, *words: str) -> subprocess.CompletedProcess[str]:
         """What the kubelet runs."""
         return self.exec("/bin/sh", str(SCRIPTS / "ready.sh"), *words)
+
+    def kill(self) -> None:
+        """Kill it, and return when its sockets are closed."""
+        self.process.kill()
+        self.process.wait()
+        until(lambda: not is_alive(self.init), f"end of {self.name}")
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to process 1, from outside."""
@@ -131,6 +140,7 @@ class Lab:
     def __init__(self, folder: Path, cleanup: ExitStack, venv: Callable[[str], Path]) -> None:
         self.folder, self.cleanup, self.venv = folder, cleanup, venv
         self.pods: dict[str, Pod] = {}
+        self.bridged: list[str] = []
         self.switch = self._netns()
         self._bridge(self.switch)
         self.machines: dict[str, str] = {}
@@ -169,9 +179,9 @@ class Lab:
         """Start a Python program and wait until it says that it is up."""
         python = str(self.venv(venv) / "bin" / "python")
         pod = self.start(name, machine, python, "-c", *words, **env)
-        until = time.monotonic() + 30
+        end = time.monotonic() + PATIENCE
         while "up" not in pod.log():
-            assert time.monotonic() < until, pod.log()
+            assert time.monotonic() < end, pod.log()
             assert pod.process.poll() is None, pod.log()
             time.sleep(0.05)
         return pod
@@ -306,13 +316,14 @@ class Lab:
         if self._settled == len(self.pods):
             return
         self._settled = len(self.pods)
-        until = time.monotonic() + 10
-        for network in (self.switch, *self.machines.values()):
+        end = time.monotonic() + PATIENCE
+        for network in self.bridged:
             while any(port["state"] != "forwarding" for port in ports(network)):
-                assert time.monotonic() < until, f"{network} does not forward"
+                assert time.monotonic() < end, f"{network} does not forward"
                 time.sleep(0.05)
 
     def _bridge(self, network: str) -> None:
+        self.bridged.append(network)
         run("ip", "-n", network, "link", "add", "br0", "type", "bridge", "mcast_snooping", "0")
         run("ip", "-n", network, "link", "set", "br0", "up")
 
@@ -342,13 +353,22 @@ def run(*words: str) -> None:
 def child(process: subprocess.Popen[bytes]) -> int:
     """The one child of `unshare --fork`: the pod's process 1."""
     path = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    until = time.monotonic() + 10
-    while time.monotonic() < until:
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end and process.poll() is None:
         found = path.read_text().split() if path.exists() else []
         if found and b"mount" not in Path(f"/proc/{found[0]}/cmdline").read_bytes():
             return int(found[0])
         time.sleep(0.01)
     raise AssertionError(f"the pod did not start (exit code {process.poll()})")
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process has not ended, or has and still closes its files."""
+    try:
+        text = Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] not in ("Z", "X")
 
 
 def environment(name: str) -> Path:

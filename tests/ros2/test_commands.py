@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from importlib import resources
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,18 @@ from .conftest import Lab
 pytestmark = pytest.mark.cluster
 
 ROS2 = str(resources.files("rigel_lab") / "images" / "ros2base" / "files" / "ros2")
+
+
+#: A node that begins when it is told to: until then a busy machine has loaded its program.
+LATE = """
+import os, sys, time, rclpy
+print("up", flush=True)
+while not os.path.exists(sys.argv[1]):
+    time.sleep(0.05)
+rclpy.init()
+rclpy.spin(rclpy.create_node("late"))
+"""
+ENV = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 
 
 @pytest.mark.parametrize(
@@ -23,12 +36,16 @@ ROS2 = str(resources.files("rigel_lab") / "images" / "ros2base" / "files" / "ros
     ],
     ids=["node", "topic", "param"],
 )
-def test_a_command_waits_for_what_it_names(lab: Lab, words: list[str], told: str) -> None:
+def test_a_command_waits_for_what_it_names(
+    lab: Lab, tmp_path: Path, words: list[str], told: str
+) -> None:
     """Also if discovery takes longer than --spin-time; here the node begins only then."""
     python = str(lab.venv("jazzy") / "bin" / "python")
-    asks = lab.start("asks", "one", python, "-B", ROS2, *words, FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
+    begin = tmp_path / "begin"
+    lab.python("late", "two", "jazzy", LATE, str(begin), **ENV)
+    asks = lab.start("asks", "one", python, "-B", ROS2, *words, **ENV)
     time.sleep(4.5)  # --spin-time is three seconds
     assert asks.process.poll() is None, asks.log()
-    lab.ros("late", "two")
-    assert asks.process.wait(timeout=30) == 0, asks.log()
+    begin.touch()
+    assert asks.process.wait(timeout=120) == 0, asks.log()
     assert told in asks.log()

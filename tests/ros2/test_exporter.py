@@ -16,6 +16,8 @@ import pytest
 import rigel_k8s
 from rigel_k8s.exporter import dds_messages
 
+from .conftest import PATIENCE
+
 pytestmark = pytest.mark.cluster
 
 
@@ -28,7 +30,6 @@ def slow(*cases: object) -> list[object]:
 
 
 SOURCES = str(Path(rigel_k8s.__file__).parents[1])
-PATIENCE = 60  # seconds; the machine may be busy
 
 #: exporter.py ARGUMENTS-AS-JSON TOPIC...: a line of JSON five times a second.
 EXPORTER = """
@@ -53,6 +54,7 @@ while True:
     time.sleep(0.2)
 """
 #: talker.py NAME SIZE COUNT: waits for a subscriber of /chatter, sends, says whom /silent has.
+#: Large samples come slowly: the socket of a busy subscriber cannot hold two of them.
 TALKER = """
 import sys, rclpy
 from std_msgs.msg import String
@@ -72,7 +74,7 @@ def send():
         if sent == count:
             readers = silent.get_subscription_count(), node.count_subscribers("/silent")
             print("sent", *readers, node.count_subscribers("/chatter"), flush=True)
-timer = node.create_timer(0.05, send)
+timer = node.create_timer(0.05 if size < 10000 else 0.25, send)
 rclpy.spin(node)
 """
 LISTENER = """
@@ -238,16 +240,20 @@ def test_graph_follows_the_nodes(lab, exporter, distro):
     talker(lab, distro=distro)
     one = listener(lab, "one", distro=distro)
     seen = exporter()
-    told = seen.until(lambda told: counts(told) == (1, 1) and len(told["nodes"]) == 2)
-    assert told["nodes"] == {"/robot/talker": True, "/one": True}
-    assert told["topics"]["/chatter"] == ["std_msgs/msg/String", 1, 1]
-    assert told["topics"]["/silent"] == ["std_msgs/msg/String", 1, 0]
+    chatter, silent = ["std_msgs/msg/String", 1, 1], ["std_msgs/msg/String", 1, 0]
+    both = {"/robot/talker": True, "/one": True}
+    told = seen.until(
+        lambda told: (
+            told["nodes"] == both
+            and [told["topics"].get(name) for name in ("/chatter", "/silent")] == [chatter, silent]
+        )
+    )
     assert not [name for name in told["topics"] if not name.startswith("/") or "get_type" in name]
     listener(lab, "two", machine="two", distro=distro)
-    told = seen.until(lambda told: counts(told) == (1, 2) and len(told["nodes"]) == 3)
+    seen.until(lambda told: counts(told) == (1, 2) and len(told["nodes"]) == 3)
     one.signal(signal.SIGINT)
-    told = seen.until(lambda told: counts(told) == (1, 1) and len(told["nodes"]) == 2)
-    assert told["nodes"] == {"/robot/talker": True, "/two": True}
+    left = {"/robot/talker": True, "/two": True}
+    seen.until(lambda told: counts(told) == (1, 1) and told["nodes"] == left)
 
 
 @pytest.mark.parametrize("mode", ["multicast", *slow("peers", "discovery-server")])
@@ -264,7 +270,7 @@ def test_silent_nodes(lab, exporter, mode):
     seen.until(lambda told: told["nodes"] == {**everybody, "/robot/talker": False})
     stopped.signal(signal.SIGCONT)
     seen.until(lambda told: told["nodes"] == everybody)
-    killed.process.kill()
+    killed.kill()
     seen.until(lambda told: told["nodes"] == {**everybody, "/killed": False})
     if mode != "peers":  # as by multicast
         seen.until(lambda told: "/killed" not in told["nodes"] and counts(told) == (1, 1))
@@ -333,8 +339,7 @@ def test_server_that_starts_anew(lab, exporter):
     listener(lab, ROS_DISCOVERY_SERVER=server)
     seen = exporter(mode="discovery-server", servers=[server])
     seen.until(lambda told: counts(told) == (0, 1))
-    pod.process.kill()
-    pod.process.wait()
+    pod.kill()
     environment = {**os.environ, "HOSTS": str(lab.hosts)}
     again = subprocess.Popen(pod.process.args, env=environment, stdout=subprocess.DEVNULL)
     lab.cleanup.callback(again.wait)
@@ -353,7 +358,7 @@ def test_restarts(lab, exporter):
     seen.until(lambda told: told["nodes"] == {"/robot/talker": False})
     seen.pod.ip("address", "add", f"{seen.pod.address}/24", "dev", "net1")
     seen.until(lambda told: told["nodes"] == {"/robot/talker": True})
-    pod.process.kill()
+    pod.kill()
     count = seen.until(lambda told: told["nodes"] == {"/robot/talker": False})["samples"][
         "/chatter"
     ][0]

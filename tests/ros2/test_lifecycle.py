@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -14,20 +15,18 @@ from .conftest import SCRIPTS, Lab, Pod
 
 pytestmark = pytest.mark.cluster
 
-#: A lifecycle node; on_activate fails as often as its argument says.
+#: A lifecycle node; on_activate fails until the file is there that its argument names.
 NODE = """
-import sys, rclpy
+import os, sys, rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 class Talker(LifecycleNode):
-    failures = int(sys.argv[1])
     def on_configure(self, state):
         print("configured", flush=True)
         return TransitionCallbackReturn.SUCCESS
     def on_activate(self, state):
-        self.failures -= 1
-        print("activates", flush=True)
-        fails = self.failures >= 0
+        fails = not os.path.exists(sys.argv[1])
+        print("fails" if fails else "activates", flush=True)
         return TransitionCallbackReturn.FAILURE if fails else TransitionCallbackReturn.SUCCESS
     def on_deactivate(self, state):
         print("deactivated", flush=True)
@@ -46,12 +45,12 @@ PROBE = ("dds", "--domain", "0", "--transitions", "/talker")
 
 @pytest.fixture
 def talker(lab: Lab, tmp_path: Path):
-    """Start the node as a deploy does; how often on_activate fails is given."""
+    """Start the node as a deploy does; on_activate fails until there is a file `well`."""
 
-    def start(failures: int, *transitions: str) -> Pod:
+    def start(*transitions: str) -> Pod:
         programs = lab.venv("jazzy") / "bin"
         beside = ("/bin/sh", str(SCRIPTS / "beside.sh"), "transitions.py", "start", "/talker")
-        node = ("--", "python3", "-c", NODE, str(failures))
+        node = ("--", "python3", "-c", NODE, str(tmp_path / "well"))
         env = {
             "PATH": f"{programs}:{os.environ['PATH']}",
             "ROS_DOMAIN_ID": "0",
@@ -64,32 +63,34 @@ def talker(lab: Lab, tmp_path: Path):
     return start
 
 
-def test_a_pod_is_ready_once_its_node_is_active(talker) -> None:
+def test_a_pod_is_ready_once_its_node_is_active(talker, tmp_path: Path) -> None:
     """A transition that fails is the probe's line until it succeeds; the end is made in order."""
-    pod = talker(2, "configure", "activate")
-    seen: list[str] = []
+    pod = talker("configure", "activate")
+    cause = r"/talker is inactive and has refused to activate \(attempt \d+\); see its log\n"
 
-    def is_ready() -> bool:
+    def has_refused() -> bool:
         done = pod.probe(*PROBE)
-        seen.append(done.stdout.strip())
-        return done.returncode == 0
+        return done.returncode == 1 and bool(re.fullmatch(cause, done.stdout))
 
-    until(is_ready, "readiness", last_words=pod.log, every=0.2)
-    assert seen[-1].startswith("ready: ")
-    assert seen[-1].endswith(", /talker is active")
-    cause = "/talker is inactive and has refused to activate (attempt 1); see its log"
-    assert cause in seen
+    until(has_refused, "refusal in the probe's line", 120, last_words=pod.log)
+    assert "has refused to activate (attempt 1); see its log\n" in pod.log()
+    (tmp_path / "well").touch()
+    done = pod.probe(*PROBE, "--wait", "120")
+    assert done.returncode == 0, done.stdout + pod.log()
+    assert done.stdout.startswith("ready: ")
+    assert done.stdout.endswith(", /talker is active\n")
     assert pod.log().count("configured\n") == 1
-    assert pod.log().count("activates\n") == 3
-    done = pod.exec("/bin/sh", str(SCRIPTS / "stop.sh"), "20")
+    assert pod.log().count("activates\n") == 1
+    done = pod.exec("/bin/sh", str(SCRIPTS / "stop.sh"), "60")
     assert done.returncode == 0
-    assert pod.process.wait(30) in (0, -signal.SIGINT)
+    assert pod.process.wait(120) in (0, -signal.SIGINT)
     assert pod.log().index("deactivated\n") < pod.log().index("cleaned up\n")
 
 
-def test_a_node_that_stays_inactive_is_ready(talker) -> None:
+def test_a_node_that_stays_inactive_is_ready(talker, tmp_path: Path) -> None:
     """`start` need not end in `activate`."""
-    pod = talker(0, "configure")
-    done = pod.probe(*PROBE, "--wait", "30")
+    (tmp_path / "well").touch()
+    pod = talker("configure")
+    done = pod.probe(*PROBE, "--wait", "120")
     assert done.stdout.strip().endswith(", /talker is inactive"), pod.log()
     assert "activates" not in pod.log()

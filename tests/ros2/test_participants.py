@@ -68,7 +68,7 @@ def test_one_of_two_processes_is_among_the_first_four_of_its_pod(lab, tmp_path, 
                 process = subprocess.Popen(line, stdout=file, stderr=file)
             lab.cleanup.callback(process.wait)
             lab.cleanup.callback(process.kill)
-            until(lambda node=node: found(node), f"{node} has started")
-    until(lambda: all(found(n) >= expected(n) for n in nodes), "all have found the others")
+            until(lambda node=node: found(node), f"{node} has started", 120)
+    until(lambda: all(found(n) >= expected(n) for n in nodes), "all have found the others", 120)
     time.sleep(ANNOUNCED)
     assert {node: found(node) for node in nodes} == {node: expected(node) for node in nodes}

@@ -53,7 +53,7 @@ def test_a_node_reads_what_the_image_completes(lab, tmp_path, distro):
                 "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
             },
         )
-        assert pod.process.wait(60) == 0, pod.log()
+        assert pod.process.wait(120) == 0, pod.log()
         expected = {"map": f"{tmp_path}/share/nav/a", "rate": 7, "a.b": [7], "t": text}
         size = {"size": 1000.0} if ros_arguments else {}
         assert json.loads(pod.log()) == {**size, **expected, "urdf": "<robot/>\n"}
@@ -70,5 +70,5 @@ def test_a_text_stays_a_text(lab, tmp_path, distro):
     python = str(lab.venv(distro) / "bin" / "python")
     command = (python, "-c", SHOW, "--ros-args", "--params-file", str(file))
     pod = lab.start("n", "one", *command, FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
-    assert pod.process.wait(60) == 0, pod.log()
+    assert pod.process.wait(120) == 0, pod.log()
     assert json.loads(pod.log()) == parameters

@@ -242,8 +242,8 @@ def run_browser() -> Iterator[Browser]:
             yield browser
             browser.call("Browser.close")
             browser.close()
-            process.wait(20)
+            process.wait(60)
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, 9)
-                process.wait(20)
+                process.wait(60)

@@ -12,8 +12,12 @@ from rigel_k8s.inpod import rtps, spdp
 
 
 def some_domain() -> int:
-    """Return a domain that hardly anyone else on this machine is in, nor in the one after it."""
-    return 62 + os.getpid() % 19 * 2  # from 102 on a domain's ports are the system's to give
+    """Return a domain that hardly anyone else on this machine is in, nor in the one after it.
+
+    The processes of one test run have one each; from 102 on ports are the system's to give.
+    """
+    process = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    return 62 + (os.getppid() + process) % 19 * 2
 
 
 class Peer:
@@ -46,7 +50,7 @@ class Peer:
         """Tell a participant that this one is gone."""
         self.socket.sendto(spdp.farewell(self.told.prefix), told.meta[0])
 
-    def until(self, condition: Callable[[], object], what: str, seconds: float = 20) -> None:
+    def until(self, condition: Callable[[], object], what: str, seconds: float = 60) -> None:
         """Answer until a condition holds."""
         end = time.monotonic() + seconds
         while not condition():

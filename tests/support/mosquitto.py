@@ -175,7 +175,7 @@ class Peer:
 
     def receive(self) -> MQTTMessage:
         """Return the next message."""
-        return self.received.get(timeout=30)
+        return self.received.get(timeout=120)
 
     def close(self) -> None:
         self._client.disconnect()

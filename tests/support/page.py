@@ -114,7 +114,7 @@ def serve_page(
             if changes:
                 changes.close()
             server.should_exit = True
-            thread.join(20)
+            thread.join(60)
             assert not thread.is_alive()
 
 

@@ -174,7 +174,7 @@ class Node(Rpc):
                     sent += 1
         return sent
 
-    def wait_for_subscriber(self, topic: str, seconds: float = 10) -> None:
+    def wait_for_subscriber(self, topic: str, seconds: float = 30) -> None:
         """Wait until a subscriber is connected."""
         with self._changed:
             assert self._changed.wait_for(lambda: self._links.get(topic), seconds), topic
@@ -185,7 +185,7 @@ class Node(Rpc):
             for link in self._links.pop(topic, []):
                 link.close()
 
-    def wait_for_end(self, topic: str, seconds: float = 10) -> bool:
+    def wait_for_end(self, topic: str, seconds: float = 30) -> bool:
         """Wait until the subscribers of a topic have closed their connections."""
         for link in self._links.get(topic, []):
             link.settimeout(seconds)
@@ -289,7 +289,7 @@ def ros_graph() -> Iterator[RosGraph]:
         yield RosGraph(cleanup)
 
 
-def until(condition: Callable[[], object], what: str, seconds: float = 10) -> None:
+def until(condition: Callable[[], object], what: str, seconds: float = 30) -> None:
     """Wait until a condition holds."""
     pause = threading.Event()
     for _ in range(int(seconds / 0.01)):

@@ -139,7 +139,7 @@ class Host:
             capture_output=True,
             text=True,
             env=self.environment,
-            timeout=300,
+            timeout=800,
         )
         if check and done.returncode != 0:
             raise AssertionError(f"{' '.join(words)}:\n{done.stdout}\n{done.stderr}")
@@ -159,10 +159,14 @@ class Host:
         return self.run(kubectl, f"--context=rigel-{name}", *words, text=text, check=check)
 
     def processes(self) -> dict[str, str]:
-        """Return every process inside but the first and the asking ones: id -> command line."""
+        """Return every process inside but the first and the asking ones: id -> command line.
+
+        One that has ended, and that nobody has waited for yet, is none any more.
+        """
         lines = self.run("ps", "-e", "-ww", "-o", "pid=,args=").splitlines()
         found = dict(line.strip().split(maxsplit=1) for line in lines)
-        return {pid: text for pid, text in found.items() if pid != "1" and "ps -e" not in text}
+        others = {pid: text for pid, text in found.items() if pid != "1" and "ps -e" not in text}
+        return {pid: text for pid, text in others.items() if not text.endswith("<defunct>")}
 
     def snapshot(self) -> dict[str, list[str]]:
         """Return all that a cluster may leave behind."""
@@ -262,6 +266,7 @@ def sysctls(text: str) -> list[str]:
     """Return the settings that do not change by themselves."""
     moving = (
         r"fs\.(dentry|file-nr|inode|quota|aio-nr)|kernel\.(random|ns_last_pid|pty\.nr|sched_domain)"
+        r"|kernel\.(perf_event_max_sample_rate|hung_task_detect_count)"  # of a busy machine
         r"|nf_conntrack_(count|max|buckets|expect_max)|vm\.drop_caches|\.(rk\w+|veth\w+)\."
     )
     return [line for line in text.splitlines() if not re.search(moving, line)]

@@ -22,6 +22,8 @@ from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.gobuild import GoBuild, toolchain
 from rigel_lab.images import exporter
 
+from .conftest import WITHIN
+
 pytestmark = [
     pytest.mark.cluster,
     pytest.mark.slow,  # the shared cluster and that of tests/cluster/network use the same
@@ -61,7 +63,7 @@ s.bind(("", port))
 s.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
              socket.inet_aton(group) + socket.inet_aton(own))
 s.settimeout(0.1)
-heard, end = set(), time.monotonic() + 5
+heard, end = set(), time.monotonic() + (60 if others else 5)
 while time.monotonic() < end:
     s.sendto(own.encode(), (group, port))
     try:
@@ -108,7 +110,7 @@ def attached(host: Any, offering: str) -> dict[str, dict[str, str]]:
         script = f"echo {node} >/tmp/name; exec busybox sleep 7{node[-1]}77"
         text = host.pod(f"p-{node}", image, script, nodeName=node, metadata=networks)
         host.kubectl(offering, "apply", "-f", "-", text=text)
-    ready = ["wait", "pod", "--all", "--for=condition=Ready", "--timeout=90s"]
+    ready = ["wait", "pod", "--all", "--for=condition=Ready", WITHIN]
     assert host.kubectl(offering, *ready).count("condition met") == 3
     return {node: addresses(host, offering, f"p-{node}") for node in NODES}
 
@@ -125,7 +127,7 @@ def install_multus(host: Any, cluster: str) -> None:
         host.kubectl(cluster, "apply", "-f", "-", text=text)
     for name in ("kube-multus-ds", "whereabouts"):
         words = ["-n", "kube-system", "rollout", "status", f"daemonset/{name}"]
-        host.kubectl(cluster, *words, "--timeout=120s")
+        host.kubectl(cluster, *words, WITHIN)
 
 
 def addresses(host: Any, cluster: str, name: str) -> dict[str, str]:
@@ -156,7 +158,7 @@ def conversation(host: Any, places: dict[str, str], others: int) -> list[str]:
         )
         for place, address in places.items()
     ]
-    return [speaker.communicate(timeout=60)[0].strip() for speaker in speakers]
+    return [speaker.communicate(timeout=180)[0].strip() for speaker in speakers]
 
 
 def test_nothing_is_offered_unless_asked_for(host: Any, plain: str) -> None:

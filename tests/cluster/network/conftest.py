@@ -26,6 +26,7 @@ from tests.support import until as waiting
 from tests.support.recorder import Recorder
 
 from ...support import shared
+from ..conftest import wait_for_account
 
 #: Always there once Multus is: any image with a shell would do.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
@@ -235,6 +236,7 @@ def own_lab(own: Own) -> Iterator[Lab]:
     """A namespace of a cluster of one's own."""
     name = f"t-{uuid.uuid4().hex[:8]}"
     own.cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    wait_for_account(own.cluster, name)
     yield Lab(own.cluster, name)
     own.cluster.delete(ObjectRef("v1", "Namespace", "", name))
 

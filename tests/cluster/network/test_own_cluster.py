@@ -5,6 +5,7 @@ The tests of this module go on one after the other on the same cluster, in this 
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import shutil
@@ -14,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.multus.removal import remove, users
 from rigel_k8s.network.multus.status import network_status
 from rigel_k8s.network.options import Install
+from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
 from rigel_lab.cluster import components, k3s
@@ -60,6 +63,14 @@ def daemon(own: Any, node: str) -> dict[str, Any]:
     return next(p for p in living if p["spec"]["nodeName"] == node)
 
 
+def has_new_daemon(own: Any, node: str, old: str) -> bool:
+    """Return whether Multus has another ready pod on a node than this one."""
+    with suppress(StopIteration):  # there is none for a moment
+        new = daemon(own, node)
+        return new["metadata"]["uid"] != old and is_ready(new)
+    return False
+
+
 def test_install(own: Any, own_lab: Any, said: Any, before: dict[str, list[str]]) -> None:
     """It is recognised where CNI's files are, and a pod on every node gets macvlan."""
     done = install(own.cluster, Install(), DeployOptions(report=said))
@@ -88,7 +99,7 @@ def test_the_clusters_own_addresses_come_back(own: Any, own_lab: Any) -> None:
     for number in range(3):
         own_lab.start(f"brief-{number}", node="node1", attached=False)
         own_lab.end(f"brief-{number}")
-    own_lab.until(lambda: addresses() <= held, "the addresses of pods that ended", 30)
+    own_lab.until(lambda: addresses() <= held, "the addresses of pods that ended")
 
 
 def test_pods_of_a_restart_get_their_network(own: Any, own_lab: Any) -> None:
@@ -113,7 +124,7 @@ def test_pods_of_a_restart_get_their_network(own: Any, own_lab: Any) -> None:
     pods = [own_lab.running(name) for name in names]
     over.set()
     watcher.join()
-    assert daemon(own, "node1")["metadata"]["uid"] != old["uid"]
+    own_lab.until(lambda: has_new_daemon(own, "node1", old["uid"]), "new pod of Multus")
     assert find_without_interface(pods) == []
     assert all(own_lab.has_interface(name) for name in names)
     assert not gone.is_set()
@@ -125,11 +136,10 @@ def without_configuration(own: Any, own_lab: Any) -> Iterator[None]:
     own.signal_keepers("node1", signal.SIGSTOP)
     conf = own.conf("node1") / "00-multus.conf"
     conf.rename(conf.with_suffix(".away"))
-    time.sleep(1)  # the runtime reads the directory anew
     yield
     conf.with_suffix(".away").unlink()
     own.signal_keepers("node1", signal.SIGCONT)
-    own_lab.until(conf.exists, "configuration", 30)
+    own_lab.until(conf.exists, "configuration")
 
 
 def test_a_pod_without_its_network_is_noticed(
@@ -137,12 +147,19 @@ def test_a_pod_without_its_network_is_noticed(
 ) -> None:
     """A pod that did come up without it, as others' Multus lets them, is named."""
     own_lab.attachment("10.213.11.0/24")
-    own_lab.start("deaf", node="node1")
-    assert not own_lab.has_interface("deaf")
+    numbers = itertools.count()
+
+    def start() -> str | None:
+        """The name of a pod that is deaf: the runtime reads its directory anew in a moment."""
+        name = f"deaf-{next(numbers)}"
+        own_lab.start(name, node="node1")
+        return None if own_lab.has_interface(name) else name
+
+    deaf = own_lab.until(start, "pod without its network")
     status = network_status(own.cluster, Install())
     assert not status.ok
     assert [str(missing) for missing in status.missing] == [
-        f"pod {own_lab.namespace}/deaf on node1 runs without its network {own_lab.namespace}/lan"
+        f"pod {own_lab.namespace}/{deaf} on node1 runs without its network {own_lab.namespace}/lan"
     ]
 
 
@@ -156,7 +173,7 @@ def test_what_an_upgrade_takes_away_comes_back(own: Any, own_lab: Any) -> None:
         for name in ("multus-shim", "whereabouts"):
             (own.programs("node1") / name).unlink()
         for name in ("multus-shim", "whereabouts"):
-            own_lab.until((own.programs("node1") / name).exists, name, 30)
+            own_lab.until((own.programs("node1") / name).exists, name)
     own_lab.start("after", node="node1")
     assert own_lab.has_interface("after")
 
@@ -184,7 +201,7 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     current = Path((own.directory / "node1/k3s/data/current").readlink()).name
     programs = own.directory / "node1/k3s/data" / current / "bin"
     for name in ("macvlan", "whereabouts", "multus-shim"):
-        own_lab.until((programs / name).exists, name, 30)
+        own_lab.until((programs / name).exists, name)
     own_lab.attachment("10.213.13.0/24")
     own_lab.start("older", node="node1")
     assert own_lab.has_interface("older")
@@ -244,7 +261,7 @@ def test_addresses_of_the_networks_own_dhcp_server(
     pods = [own_lab.running(pod["metadata"]["name"]) for pod in own_lab.pods()]
     addresses = {own_lab.address_of(pod) for pod in pods}
     assert len(addresses) == 2
-    assert addresses == leases.there()
+    own_lab.until(lambda: leases.there() == addresses, "file of the server with these leases alone")
     (other,) = addresses - {own_lab.address_of(pods[0])}
     assert " 0% packet loss" in own_lab.inside(
         pods[0]["metadata"]["name"], "ping", "-c3", "-W5", other
@@ -252,13 +269,13 @@ def test_addresses_of_the_networks_own_dhcp_server(
     for node in own_lab.nodes:
         own_lab.until(lambda node=node: renewed(own, node), f"renewal on {node}")
     assert addresses == leases.there()
-    assert network_status(own.cluster, Install()).ok
+    own_lab.until(lambda: network_status(own.cluster, Install()).ok, "state in which all is well")
     old = daemon(own, "node1")["metadata"]
     own.cluster.delete(ObjectRef("v1", "Pod", RELEASE.namespace, old["name"]))
     (told,) = own_lab.until(lambda: network_status(own.cluster, Install()).unkept, "lost lease")
     assert (told.pod, told.node) == (pods[0]["metadata"]["name"], pods[0]["spec"]["nodeName"])
     rigel(*words, "down")
-    own_lab.until(lambda: not leases.there(), "end of all leases", 60)
+    own_lab.until(lambda: not leases.there(), "end of all leases")
     install(own.cluster, Install(dhcp=False), DeployOptions(report=said))
     names = [c["name"] for c in daemon(own, "node1")["spec"]["containers"]]
     assert names == ["multus", "machine"]
@@ -373,5 +390,7 @@ def test_it_can_be_installed_again(own: Any, own_lab: Any, said: Any) -> None:
     assert own_lab.has_interface("again")
     own_lab.end("again")
     remove(own.cluster, Install(), DeployOptions(report=said), definitions=True)
-    names = [live["metadata"]["name"] for live in own.cluster.list(*CRD)]
-    assert [name for name in names if "cni.cncf.io" in name] == []
+    own_lab.until(
+        lambda: not any("cni.cncf.io" in d["metadata"]["name"] for d in own.cluster.list(*CRD)),
+        "end of the kinds, whose objects Kubernetes deletes first",
+    )

@@ -22,7 +22,7 @@ from rigel_k8s.network.preflight.services import NOBODYS, service_ranges
 from rigel_k8s.network.wiring import PodIdentity
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
-from tests.cluster.rights import write_kubeconfig
+from tests.cluster.rights import wait_for_right, write_kubeconfig
 from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
@@ -228,12 +228,11 @@ def test_the_dhcp_daemon(ask: Ask, machines: dict[str, Machine]) -> None:
         lines = until(
             lambda: [o for o in [ask(ipam="dhcp")] if f"on {', '.join(others)} " in o[0]],
             "finding of the others alone",
-            20,
         )
         assert [line.partition(":")[0] for line in lines[0]] == ["error dhcp-daemon"]
     finally:
         daemon.terminate()
-        daemon.wait(10)
+        daemon.wait(60)
         subprocess.run(machines[first].inside("rm", "-f", "/run/cni/dhcp.sock"), check=True)
 
 
@@ -410,6 +409,9 @@ def as_user(
             },
         ):
             cluster.create(item)
+        user = f"system:serviceaccount:{namespace}:{name}"
+        for rule in rules:
+            wait_for_right(cluster, user, rule)
         config = write_kubeconfig(cluster, namespace, name, context, tmp_path)
         made.append(connect(Settings(kubeconfig=config)))
         return made[-1]

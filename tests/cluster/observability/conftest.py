@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import attrs
 import pytest
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.installation import find_namespace
 from tests.support import until as waiting
@@ -31,8 +32,11 @@ PATIENCE = 240.0
 
 
 def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
-    """Return what a look gives as soon as it is anything."""
-    return waiting.until(look, what, patience, every=0.5)
+    """Return what a look gives as soon as it is anything.
+
+    Behind the Service of a part that was restarted nothing is ready for a moment: an error.
+    """
+    return waiting.until(look, what, patience, every=0.5, despite=(ClusterError,))
 
 
 @attrs.frozen

@@ -19,7 +19,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.manifests.images import LOKI_IMAGE
 
-from ..conftest import run_rigel
+from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, is_ready, until
 
 pytestmark = pytest.mark.cluster
@@ -126,6 +126,8 @@ def theirs(
     ]
     for item in items:
         cluster.apply(item)
+        if item["kind"] == "Namespace":
+            wait_for_account(cluster, name)
     file = tmp_path_factory.mktemp("theirs") / "Rigelfile"
     made = Theirs(cluster, context, name, file, watching, base_image)
     made.deploy({"url": f"http://loki.{name}:3100"})
@@ -146,7 +148,7 @@ def test_their_loki_has_our_lines_with_their_labels(theirs: Theirs) -> None:
         assert labels["pod"] == theirs.pod()
         assert labels["container"] == "ros-node"
         assert labels["node"]
-    assert theirs.watching.pods("loki") == []
+    until(lambda: not theirs.watching.pods("loki"), "end of our Loki")
 
 
 def test_logs_finds_there_what_pods_said_that_are_gone(theirs: Theirs) -> None:
@@ -167,7 +169,7 @@ def test_another_application_finds_it_too(theirs: Theirs) -> None:
     theirs.deploy(None)
     done = theirs.rigel("logs", "--since", "1h", "--tail", "1", "talker")
     assert done.stderr == ""
-    assert len({line["pod"] for line in theirs.logs()}) == 2, "one of them is gone"
+    until(lambda: len({line["pod"] for line in theirs.logs()}) == 2, "lines of both, one is gone")
     told = run_rigel("--context", theirs.context, "observe", "status").stdout
     assert f"(http://loki.{theirs.namespace}:3100)" in told
 

@@ -71,7 +71,7 @@ class Place:
 
     def ended(self, ref: ObjectRef) -> str:
         """Return what a pod printed until it ended well."""
-        for event in self.cluster.watch("v1", "Pod", ref.namespace, seconds=180):
+        for event in self.cluster.watch("v1", "Pod", ref.namespace, seconds=300):
             phase = event.object.get("status", {}).get("phase")
             if event.object["metadata"]["name"] == ref.name and phase in ("Succeeded", "Failed"):
                 said = "\n".join(self.cluster.logs(ref.namespace, ref.name))

@@ -16,6 +16,7 @@ from rigel_k8s.release.types import DeployOptions
 from tests.support.recorder import Recorder
 
 from ..conftest import inside
+from .conftest import until
 
 pytestmark = pytest.mark.cluster
 
@@ -59,8 +60,8 @@ def test_the_peers_shape_deploys_and_updates(
     volume = ObjectRef("v1", "PersistentVolume", "", f"maps-{namespace}-pv")
     try:
         rigel("run", "job", "deploy_k8s", cwd=tmp_path)
-        nodes = inside(cluster, namespace, "rigel-k8s-application", "rosnode", "list")
-        assert "/rosout" in nodes
+        words = ("rigel-k8s-application", "rosnode", "list")
+        until(lambda: "/rosout" in inside(cluster, namespace, *words), "/rosout among the nodes")
         assert (tmp_path / "results" / "logs-volume").is_dir()
         rigel("run", "job", "update_k8s", cwd=tmp_path)
         ref = ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application")

@@ -153,7 +153,12 @@ def test_a_line_has_the_labels_of_the_contract_and_no_other(talker: Talker) -> N
 
 def test_a_traceback_is_one_entry(talker: Talker) -> None:
     """Logged by rospy, and printed by Python where nobody caught it."""
-    streams = talker.streams(' |= "Traceback (most recent call last)"')
+
+    def look() -> list[dict[str, Any]] | None:
+        found = talker.streams(' |= "Traceback (most recent call last)"')
+        return found if sum(len(one["values"]) for one in found) >= 2 else None
+
+    streams = until(look, "both tracebacks")
     entries = sorted(line for one in streams for _, line in one["values"])
     assert len(entries) == 2, entries
     assert {one["stream"]["level"] for one in streams} == {"error"}
@@ -248,7 +253,8 @@ def answers(talker: Talker) -> bool:
 def test_prometheus_keeps_its_samples_over_a_restart(watching: Stack) -> None:
     """What it had scraped before is there after."""
     query = 'max_over_time(timestamp(up{job="kubelet"})[1h:15s])'
-    until(lambda: watching.metrics('up{job="kubelet"}'), "a scrape of the kubelets")
+    nodes = len(watching.cluster.nodes())
+    until(lambda: len(watching.metrics('up{job="kubelet"}')) >= nodes, "a scrape of each kubelet")
     before = time.time()
     watching.restart("prometheus")
     until(lambda: watching.metrics(f"{query} > {before}"), "scrapes after the restart")
@@ -395,14 +401,17 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
 def test_pods_have_series_of_cadvisor_and_no_metrics_server(cluster: Any) -> None:
     """Each pod's processor and memory are in the kubelet's answer; metrics.k8s.io is nobody's."""
     node = cluster.nodes()[0]["metadata"]["name"]
-    answer = cluster.get_through_proxy(
-        ObjectRef("v1", "Node", "", node), "metrics/cadvisor"
-    ).decode()
-    pod = next(
-        pod["metadata"]["name"]
-        for pod in cluster.list("v1", "Pod", fields=f"spec.nodeName={node},status.phase=Running")
-    )
-    for name in ("container_cpu_usage_seconds_total", "container_memory_working_set_bytes"):
-        lines = [line for line in answer.splitlines() if line.startswith(name)]
-        assert any(f'pod="{pod}"' in line for line in lines), (name, pod)
+
+    def are_measured() -> bool:
+        """Whether the first of its pods is; one that has just started is not yet."""
+        ref = ObjectRef("v1", "Node", "", node)
+        running = f"spec.nodeName={node},status.phase=Running"
+        pod = cluster.list("v1", "Pod", fields=running)[0]["metadata"]["name"]
+        lines = cluster.get_through_proxy(ref, "metrics/cadvisor").decode().splitlines()
+        return all(
+            any(line.startswith(name) and f'pod="{pod}"' in line for line in lines)
+            for name in ("container_cpu_usage_seconds_total", "container_memory_working_set_bytes")
+        )
+
+    until(are_measured, "processor and memory of a pod")
     assert not cluster.serves("metrics.k8s.io/v1beta1", "PodMetrics")

@@ -68,7 +68,7 @@ def die(context: str, wanted: Any, tmp_path: Path, limit: int) -> int:
     path = tmp_path / "desired.pickle"
     path.write_bytes(pickle.dumps(wanted))
     words = [sys.executable, "-c", DYING, context, str(path), str(limit)]
-    return subprocess.run(words, check=False, timeout=120).returncode
+    return subprocess.run(words, check=False, timeout=300).returncode
 
 
 def there(cluster: Any, make: Any) -> set[tuple[str, str]]:
@@ -174,7 +174,7 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     mine = {RELEASE_LABEL: "demo"}
 
     def interrupt() -> None:
-        until(lambda: cluster.list("v1", "Pod", make.namespace, labels=mine), "a pod")
+        until(lambda: cluster.list("v1", "Pod", make.namespace, labels=mine), "a pod", 180)
         time.sleep(1)
         cancel.set()
 
@@ -187,7 +187,7 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     assert cluster.get(lease_ref(make.release)) is None
     (pod,) = cluster.list("v1", "Pod", make.namespace, labels=mine)
     name = pod["metadata"]["name"]
-    until(lambda: is_running(cluster, make.namespace), "the pod runs")
+    until(lambda: is_running(cluster, make.namespace), "the pod runs", 180)
     cluster.run(make.namespace, name, ["sh", "-c", ": > /ready"])
     deploy(wanted, cluster, report=report)
     assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.refusals.verdict import Refused
 from tests.support.releases import deploy
@@ -31,13 +31,26 @@ def put_quota(admin: Any, namespace: str) -> None:
     """Put a quota that one pod fits into, and wait until it is counted."""
     put("ResourceQuota", "small", {"hard": {"pods": "1"}})(admin, namespace)
     ref = ObjectRef("v1", "ResourceQuota", namespace, "small")
-    until(lambda: (admin.get(ref).get("status") or {}).get("used"), "a counted quota")
+    until(lambda: (admin.get(ref).get("status") or {}).get("used"), "a counted quota", 120)
 
 
 def restrict(admin: Any, namespace: str) -> None:
     labels = {"pod-security.kubernetes.io/enforce": "restricted"}
     ref = ObjectRef("v1", "Namespace", "", namespace)
     admin.patch(ref, {"metadata": {"labels": labels}})
+
+
+def try_pod(admin: Any, make: Any) -> str:
+    """Return why the API server refuses a pod: it hears by watches of what else there is."""
+    template = make.deployment("try", **GREEDY)["spec"]["template"]
+    meta = {**template["metadata"], "name": "try", "namespace": make.namespace}
+    try:
+        admin.create(
+            {"apiVersion": "v1", "kind": "Pod", **template, "metadata": meta}, dry_run=True
+        )
+    except Refusal as error:
+        return error.words
+    return ""
 
 
 LIMITS = {"limits": [{"type": "Container", "max": {"cpu": "1"}}]}
@@ -68,6 +81,8 @@ def test_refused_pods_are_known_before_any_write(
 ) -> None:
     """With the workload's place; nothing of the release is there afterwards."""
     prepare(admin, make.namespace)
+    if kind != "quota":  # which refuses the second pod only
+        until(lambda: words in try_pod(admin, make), f"refusal of pods: {words}", 120)
     nodes = make.deployment("talker", **GREEDY), make.deployment("listener", **GREEDY)
     wanted = make.desired(*nodes, origins={ref_of(nodes[0]): ("nodes", "talker")})
 
@@ -91,6 +106,15 @@ def test_all_missing_rights_are_one_list(cluster: Any, admin: Any, make: Any, re
     kept = [{**rule, "verbs": [v for v in rule["verbs"] if v != "patch"]} for rule in rules]
     admin.patch(role, {"rules": kept})
     wanted = make.desired(make.config(a="1"), make.deployment())
+
+    def is_refused() -> bool:
+        try:
+            cluster.apply(make.config(a="1"), dry_run=True)
+        except Forbidden:
+            return True
+        return False
+
+    until(is_refused, "the Role without patch")  # until then a deploy would be made
 
     def find_missing() -> tuple[str, ...]:
         with pytest.raises(ClusterError) as caught:

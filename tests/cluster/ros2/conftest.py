@@ -59,7 +59,7 @@ def rigel(*words: str, check: bool = True, **env: str) -> subprocess.CompletedPr
     return done
 
 
-def wait_until(done: Callable[[], Any], what: str, *, seconds: float = 60) -> None:
+def wait_until(done: Callable[[], Any], what: str, *, seconds: float = 120) -> None:
     """Wait until something is done."""
     until(done, what, seconds, every=0.3)
 

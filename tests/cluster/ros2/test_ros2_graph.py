@@ -22,6 +22,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.reading import read_graph
 from tests.support.recorder import Recorder
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -102,17 +103,17 @@ class Release:
 
     def ready(self, *names: str, seconds: float = 120) -> None:
         """Wait until pods are ready."""
-        until = time.monotonic() + seconds
+        end = time.monotonic() + seconds
         for name in names:
             while not self.is_ready(name):
-                assert time.monotonic() < until, f"{name} is not ready"
+                assert time.monotonic() < end, f"{name} is not ready"
                 time.sleep(0.2)
 
-    def unready(self, name: str, seconds: float = 30) -> None:
+    def unready(self, name: str, seconds: float = 120) -> None:
         """Wait until a pod is ready no more."""
-        until = time.monotonic() + seconds
+        end = time.monotonic() + seconds
         while self.is_ready(name):
-            assert time.monotonic() < until, f"{name} is still ready"
+            assert time.monotonic() < end, f"{name} is still ready"
             time.sleep(0.2)
 
     def is_ready(self, name: str) -> bool:
@@ -124,6 +125,15 @@ class Release:
         found = graph.survey(self.cluster, self.id)
         assert found is not None
         return found
+
+    def looked(self, shows: Callable[[DiscoveryGraph], bool], what: str) -> DiscoveryGraph:
+        """Look until a look shows something: on a busy machine what a node sends comes late."""
+
+        def look() -> DiscoveryGraph | None:
+            found = self.look()
+            return found if shows(found) else None
+
+        return until(look, what, 120, last_words=self.look)
 
     def check(self) -> None:
         graph.check(self.id, self.cluster, self.report, threading.Event())
@@ -150,21 +160,27 @@ def test_macvlan(release: Callable[[str], Release], machines: list[str]):
     for i, name in enumerate(names):
         made.node(name, machines[i % len(machines)])
     made.ready(*names)
-    found = made.look()
-    assert [str(f) for f in found.findings] == []
+
+    def is_whole(found: DiscoveryGraph) -> bool:
+        return not found.findings and all(len(p.discovered_by or ()) == 3 for p in found.pods)
+
+    found = made.looked(is_whole, "graph in which all discover each other")
     assert [p.pod for p in found.pods] == names
     for pod in found.pods:
         assert pod.discovered_by == tuple(n for n in names if n != pod.pod)
         assert pod.address.startswith("10.231.0.")
     made.check()
     assert "all 4 nodes discover each other" in made.report.texts[-1]
-    read = read_graph(made.cluster, made.id)
-    assert [(node.name, node.pod, node.up) for node in read.nodes] == [
-        (f"/{name.replace('-', '_')}", name, True) for name in names
-    ]
-    log = next(topic for topic in read.topics if topic.name == "/rosout")
-    assert log.publishers == tuple(node.name for node in read.nodes)
-    assert log.type == "rcl_interfaces/msg/Log"
+    nodes = [(f"/{name.replace('-', '_')}", name, True) for name in names]
+    log = ("/rosout", tuple(name for name, *_ in nodes), "rcl_interfaces/msg/Log")
+
+    def is_read() -> bool:
+        read = read_graph(made.cluster, made.id)
+        return [(one.name, one.pod, one.up) for one in read.nodes] == nodes and log in [
+            (topic.name, topic.publishers, topic.type) for topic in read.topics
+        ]
+
+    until(is_read, f"graph with {nodes} and {log}", 120)
 
 
 def test_pod_network(release: Callable[[str], Release], machines: list[str]):
@@ -179,9 +195,8 @@ def test_pod_network(release: Callable[[str], Release], machines: list[str]):
         f"the pods on {machines[0]} and {machines[1]} do not discover each other"
     )
     assert "set `network`" in told
-    assert made.look().deaf == tuple(
-        sorted([(machines[0], machines[1]), (machines[1], machines[0])])
-    )
+    deaf = tuple(sorted([(machines[0], machines[1]), (machines[1], machines[0])]))
+    made.looked(lambda found: found.deaf == deaf, f"graph in which {deaf} are deaf")
 
 
 def test_wrong_domain(release: Callable[[str], Release], machines: list[str]):
@@ -191,8 +206,7 @@ def test_wrong_domain(release: Callable[[str], Release], machines: list[str]):
     made.node("one", machines[0])
     made.node("two", machines[1], env={"ROS_DOMAIN_ID": "5"})
     made.ready("one", "two")
-    found = made.look()
-    assert [f.kind for f in found.findings] == ["wrong-domain"]
+    found = made.looked(lambda found: kinds(found) == ["wrong-domain"], "wrong domain alone")
     assert "two takes part in DDS domain 5 instead of 77" in found.findings[0].message
 
 
@@ -205,7 +219,7 @@ def test_stopped(release: Callable[[str], Release], machines: list[str]):
     made.ready("one", "two")
     made.cluster.run(made.namespace, "two", ["python3", "-c", STOP])
     made.unready("two")
-    assert [f.kind for f in made.look().findings] == ["stopped"]
+    made.looked(lambda found: kinds(found) == ["stopped"], "stopped node alone")
 
 
 def test_one_way(
@@ -222,11 +236,12 @@ def test_one_way(
     made.node("two", machines[1])
     made.ready("one", "two")
     inside = entering(made.cluster, namespace, "one")
-    address = next(pod.address for pod in made.look().pods if pod.pod == "two")
+    before = made.looked(lambda found: all(p.address for p in found.pods), "both addresses")
+    address = next(pod.address for pod in before.pods if pod.pod == "two")
     drop = ["iptables", "-A", "INPUT", "-s", address, "-d", "239.255.0.1", "-j", "DROP"]
     subprocess.run([*inside, *drop], check=True)
-    found = made.look()
-    assert found.deaf == ((machines[1], machines[0]),)
+    deaf = ((machines[1], machines[0]),)
+    found = made.looked(lambda found: found.deaf == deaf, f"graph in which {deaf} are deaf")
     assert [f.message for f in found.errors] == [
         f"multicast at net1 from {machines[1]} does not reach {machines[0]}"
     ]
@@ -245,9 +260,15 @@ def test_no_second_network(release: Callable[[str], Release], machines: list[str
     inside = entering(made.cluster, namespace, "two")
     subprocess.run([*inside, "ip", "link", "delete", "net1"], check=True)
     made.unready("two")
-    (finding,) = made.look().findings
+    found = made.looked(lambda found: kinds(found) == ["no-interface"], "missing interface alone")
+    (finding,) = found.findings
     assert finding.message.startswith("two has no net1: Multus did not attach the second network")
     assert "delete the pod" in finding.remedy
+
+
+def kinds(found: DiscoveryGraph) -> list[str]:
+    """Return the kinds of a graph's findings."""
+    return [finding.kind for finding in found.findings]
 
 
 def entering(cluster: Any, namespace: str, pod: str) -> list[str]:

@@ -71,7 +71,7 @@ class Talking:
         """Run rigel on the Rigelfile."""
         return self._rigel("-f", str(self.file), "-n", self.namespace, *words, check=check)
 
-    def update(self, version: str, *, timeout: str = "60s", check: bool = True) -> Any:
+    def update(self, version: str, *, timeout: str = "4m", check: bool = True) -> Any:
         """Deploy the talker in a version."""
         nodes = {
             "talker": {
@@ -100,7 +100,7 @@ class Talking:
             last, count = ([("", 0), *self.heard()])[-1]
             return last == version and count >= number
 
-        until(has_come, f"{version} {number}", every=0.5)
+        until(has_come, f"{version} {number}", 120, every=0.5)
 
 
 @pytest.fixture(
@@ -136,7 +136,7 @@ def test_a_lifecycle_node_is_handed_over(talking: Talking) -> None:
     """
     assert talking.update("broken", timeout="6s", check=False).returncode == 1
     refused = "/talker has refused to configure"
-    until(lambda: refused in talking.rigel("logs", "talker").stdout, refused, every=0.5)
+    until(lambda: refused in talking.rigel("logs", "talker").stdout, refused, 120, every=0.5)
     version, number = talking.heard()[-1]
     talking.until_heard(version, number + 20)
     assert version == "v1"

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.support.until import until
+
 pytestmark = pytest.mark.cluster
 
 #: A lifecycle node that can be configured, but not activated.
@@ -41,7 +43,12 @@ def test_a_transition_that_fails_is_the_cause(
     file.write_text(json.dumps({"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}))
     place = ("-f", str(file), "-n", namespace)
     cause = "/robot1/driver is inactive and has refused to activate (attempt "
-    done = rigel(*place, "run", "job", "deploy", "--timeout", "20s", check=False)
-    assert done.returncode != 0
-    assert cause in done.stdout + done.stderr
-    assert cause in rigel(*place, "status", check=False).stdout
+
+    def deploy() -> bool:
+        """Whether a deploy fails with this cause; on a busy machine the node may not run yet."""
+        done = rigel(*place, "run", "job", "deploy", "--timeout", "20s", check=False)
+        assert done.returncode != 0
+        return cause in done.stdout + done.stderr
+
+    until(deploy, cause, 180)
+    until(lambda: cause in rigel(*place, "status", check=False).stdout, f"{cause} in the status")

@@ -97,6 +97,12 @@ def every_uid(robot: Project) -> dict[str, list[str]]:
     return found
 
 
+def is_replaced(robot: Project, workload: str, uids: list[str]) -> bool:
+    """Return whether a workload has another pod than these."""
+    pod = robot.pods().get(workload)  # none for a moment
+    return pod is not None and pod["metadata"]["uid"] not in uids
+
+
 def heard(robot: Project, workload: str, *, since: int | None = None) -> dict[str, list[int]]:
     """Return the numbers that a listener has heard from each talker."""
     pod = robot.pods()[workload]["metadata"]["name"]
@@ -125,9 +131,7 @@ def test_a_machine_that_is_cut_off_and_returns(robot: Project) -> None:
     stay = {"bound"} | ({"waits"} if AWAY < EVICTED else set())
     with cut_off(cluster, robot.machines()["bound"]):
         robot.until(
-            lambda: all(
-                robot.pods()[name]["metadata"]["uid"] not in uids[name] for name in leaving
-            ),
+            lambda: all(is_replaced(robot, name, uids[name]) for name in leaving),
             "pods on other machines",
             seconds=PATIENCE,
         )

@@ -80,10 +80,16 @@ def test_remapped_nodes_hear_each_other_with_their_parameters(named: Any) -> Non
 
 def test_names_are_those_that_were_written(named: Any) -> None:
     """A namespace is the node's; a launch file names its own nodes."""
-    told = named("exec", "bringup", "--", "ros2", "node", "list", "--spin-time", "5").stdout
-    assert set(told.split()) == {"/arm/speaker", "/launched", "/hears"}
-    told = named("exec", "bringup", "--", "ros2", "topic", "info", TOPIC).stdout
-    assert "Publisher count: 2\nSubscription count: 1" in told
+
+    def ask(*words: str) -> str:
+        """What is told by a tool, which may not have discovered all of them when it prints."""
+        return str(named("exec", "bringup", "--", "ros2", *words).stdout)
+
+    everybody = {"/arm/speaker", "/launched", "/hears"}
+    listing = ("node", "list", "--spin-time", "5")
+    named.until(lambda: set(ask(*listing).split()) == everybody, "list of all three nodes")
+    ends = "Publisher count: 2\nSubscription count: 1"
+    named.until(lambda: ends in ask("topic", "info", TOPIC), ends)
 
 
 @pytest.mark.parametrize(("node", "rate"), [("/arm/speaker", 5.0), ("/launched", 4.0)])

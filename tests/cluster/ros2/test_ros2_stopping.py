@@ -45,11 +45,12 @@ def ended(project: Callable[..., Any], ros2_image: str) -> dict[str, dict[str, A
         for name, pod in made.pods().items()
     }
     assert set(refs) == set(FORMS)
-    assert all(is_ready(made.cluster.get(ref)) for ref in refs.values())
+    live = made.cluster.get
+    made.until(lambda: all(is_ready(live(ref)) for ref in refs.values()), "readiness of all pods")
     found = {}
     for name, ref in refs.items():
         made.cluster.delete(ObjectRef("apps/v1", "Deployment", made.space, name))
-        made.until(lambda ref=ref: end_of(made.cluster.get(ref)), f"end of {name}", seconds=90)
+        made.until(lambda ref=ref: end_of(made.cluster.get(ref)), f"end of {name}")
         found[name] = made.cluster.get(ref)
         made.cluster.patch(ref, {"metadata": {"finalizers": None}})
     return found

@@ -41,7 +41,7 @@ def test_a_peer_is_asked_told_of_and_forgotten() -> None:
             assert (node.up, node.registered, node.address) == (True, True, "127.0.0.1")
             other.leave(other.heard[0][0])
             # Not answering meanwhile: it would be back before it is seen to be gone.
-            until(lambda: names() == [], "the peer is forgotten", 20, every=0.02)
+            until(lambda: names() == [], "the peer is forgotten", 60, every=0.02)
             other.until(lambda: names() == ["other"], "it is asked again and comes back")
         other.until(lambda: any(leaves for _, leaves in other.heard), "our farewell")
     prefixes = {told.prefix for told, _ in other.heard}

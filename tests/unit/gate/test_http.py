@@ -64,7 +64,7 @@ def run(work: Coroutine[Any, Any, None]) -> None:
         asyncio.get_running_loop().set_exception_handler(
             lambda _, trouble: troubles.append(trouble)
         )
-        await asyncio.wait_for(work, 10)
+        await asyncio.wait_for(work, 60)
         await asyncio.sleep(0.01)  # until both ends of each connection are closed
 
     asyncio.run(watched())
@@ -419,7 +419,7 @@ def test_the_masters_end_is_noticed_at_once():
         for one in doors:
             assert one._transport is not None
             one._transport.abort()
-        await asyncio.wait_for(ending, 1)
+        await asyncio.wait_for(ending, 30)
         assert links._free == []
 
     run(work())

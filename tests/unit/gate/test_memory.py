@@ -187,10 +187,12 @@ class Place:
         return self.kept
 
     def write(self, text: str) -> None:
-        self.writes += 1
-        if self.fails:
-            raise self.fails.pop(0)
-        self.kept = text
+        try:
+            if self.fails:
+                raise self.fails.pop(0)
+            self.kept = text
+        finally:
+            self.writes += 1  # at the end: a test waits for it in another thread
 
 
 @pytest.fixture

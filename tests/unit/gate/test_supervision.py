@@ -60,7 +60,7 @@ class Running:
     def end(self, number: signal.Signals = signal.SIGTERM) -> int:
         """Send a signal; the exit code."""
         self.process.send_signal(number)
-        return self.process.wait(10)
+        return self.process.wait(60)
 
 
 def kill_all(pid: int) -> None:
@@ -107,7 +107,7 @@ def begin(tmp_path: Path, graph: RosGraph) -> Iterator[Callable[..., Running]]:
             reading.start()
             cleanup.callback(lambda: process.stdout and process.stdout.close())
             cleanup.callback(reading.join)
-            cleanup.callback(process.wait, 10)
+            cleanup.callback(process.wait, 60)
             cleanup.callback(kill_all, process.pid)
             return found
 
@@ -121,7 +121,7 @@ def answers(gate: Running) -> bool:
 
 def wait_for(gate: Running) -> None:
     despite = (OSError, xmlrpc.client.Fault)
-    until(lambda: answers(gate), "an answer", 10, every=0.02, despite=despite)
+    until(lambda: answers(gate), "an answer", 60, every=0.02, despite=despite)
 
 
 def test_a_gate_answers_until_sigterm(begin: Callable[..., Running]):
@@ -156,21 +156,22 @@ def test_a_worker_that_is_killed_is_back(begin: Callable[..., Running], graph: R
     for _ in range(2):
         worker = gate.worker()
         os.kill(worker, signal.SIGKILL)
-        with socket.create_connection(("127.0.0.1", gate.port), 5) as waiting:
+        with socket.create_connection(("127.0.0.1", gate.port), 60) as waiting:
             waiting.sendall(b"GET / HTTP/1.0\r\n\r\n")
             assert waiting.recv(100).startswith(b"HTTP/1.1 501"), "the next worker's answer"
-        until(lambda old=worker: gate.worker() != old, "another worker", 10, every=0.02)
+        until(lambda old=worker: gate.worker() != old, "another worker", 60, every=0.02)
         wait_for(gate)
     with gate.proxy as proxy:
         assert '"nodes": 1' in proxy.rigelDescribeGate("/tool")[2]
     assert gate.end() == 0
-    assert gate.lines.count("gate: started again (the worker ended with status 9)\n") == 2
+    again = "gate: started again (the worker ended with status 9)\n"
+    until(lambda: gate.lines.count(again) == 2, f"two lines of {again}")
 
 
 def test_a_worker_that_is_told_to_end_at_its_start_ends(begin: Callable[..., Running]):
     """Kubernetes would have to kill the pod."""
     gate = begin(code=EARLY)
-    until(lambda: any("started again" in line for line in gate.lines), "a second worker", 10)
+    until(lambda: any("started again" in line for line in gate.lines), "a second worker", 60)
     wait_for(gate)
     assert gate.end() == 0
 
@@ -188,8 +189,8 @@ def test_a_port_that_is_taken_ends_it(begin: Callable[..., Running]):
         taken.bind(("0.0.0.0", 0))
         taken.listen()
         gate = begin(port=taken.getsockname()[1])
-        assert gate.process.wait(10) == 1
-    until(lambda: gate.lines, "a line", 5, every=0.02)
+        assert gate.process.wait(60) == 1
+    until(lambda: gate.lines, "a line", 60, every=0.02)
     assert gate.lines == ["gate: a port is taken: Address already in use\n"]
 
 
@@ -204,7 +205,7 @@ def test_a_journal_of_an_earlier_life_is_read(begin: Callable[..., Running], tmp
     ]
     (tmp_path / "journal").write_text("\n".join(lines))
     gate = begin()
-    until(lambda: any("has ended before" in line for line in gate.lines), "a look", 10, every=0.02)
+    until(lambda: any("has ended before" in line for line in gate.lines), "a look", 60, every=0.02)
     assert any(f"/n at {api} has ended before it took over" in line for line in gate.lines)
     assert not any("failed" in line or "error" in line for line in gate.lines)
 

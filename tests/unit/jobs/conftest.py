@@ -66,7 +66,7 @@ def around(told: Recorder) -> RunContext:
         report=told,
         realise=lambda job, data: (dict(data), {}),
         matrix=lambda step, data: step.matrix.value if step.matrix else {},
-        grace=5,
+        grace=20,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import urllib.error
@@ -52,16 +53,16 @@ def rigel_ui(
             yield process
         finally:
             process.kill()
-            process.wait(20)
+            process.wait(60)
 
 
 def find_address(directory: Path) -> str:
     """Return the address that was printed."""
-    return until(lambda: (directory / "out").read_text().strip(), "an address", 60)
+    return until(lambda: (directory / "out").read_text().strip(), "an address", 120)
 
 
 def fetch(address: str) -> str:
-    with urllib.request.urlopen(address, timeout=20) as answer:
+    with urllib.request.urlopen(address, timeout=60) as answer:
         return str(answer.read().decode())
 
 
@@ -74,7 +75,7 @@ def test_it_serves_until_it_is_ended(tmp_path: Path, number: signal.Signals) -> 
         told = until(lambda: (tmp_path / "err").read_text().count("does not answer"), "a word", 60)
         assert told == 1
         process.send_signal(number)
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0
     told = (tmp_path / "err").read_text()
     assert "Traceback" not in told
     assert address.rstrip("/").rpartition("/")[2] not in told, "the token is in the address only"
@@ -89,11 +90,11 @@ def test_an_open_page_does_not_keep_it_from_ending(tmp_path: Path) -> None:
         address = find_address(tmp_path)
         host = address.split("/")[2]
         page = websocket.create_connection(
-            f"{address.replace('http', 'ws')}live", timeout=20, origin=f"http://{host}"
+            f"{address.replace('http', 'ws')}live", timeout=60, origin=f"http://{host}"
         )
         assert "cluster" in page.recv()
         process.terminate()
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0
         page.shutdown()
 
 
@@ -135,7 +136,7 @@ def test_no_browser_is_opened_where_none_is_asked_for(tmp_path: Path) -> None:
             fetch(find_address(tmp_path))
             until(lambda: "does not answer" in (tmp_path / "err").read_text(), "its start", 60)
             process.terminate()
-            process.wait(20)
+            process.wait(60)
         (tmp_path / "out").unlink()
     assert not (tmp_path / "opened").exists()
 
@@ -150,7 +151,7 @@ def test_without_allow_changes_the_page_is_read_only(tmp_path: Path) -> None:
                 f"{address}rollback", b"{}", {"Origin": f"http://{host}"}, method="POST"
             )
             with pytest.raises(urllib.error.HTTPError) as caught:
-                urllib.request.urlopen(request, timeout=20)
+                urllib.request.urlopen(request, timeout=60)
             caught.value.close()
             assert caught.value.code == status
         (tmp_path / "out").unlink()
@@ -158,12 +159,14 @@ def test_without_allow_changes_the_page_is_read_only(tmp_path: Path) -> None:
 
 def test_a_cluster_that_comes_back_is_reported(tmp_path: Path) -> None:
     """In the terminal, where someone may wait for it."""
-    with bind(0) as probe:
-        port = probe.getsockname()[1]
-    with rigel_ui(tmp_path, "demo", port=port):
-        until(lambda: "; waiting for it" in (tmp_path / "err").read_text(), "the outage", 60)
-        with serving(lambda exchange: exchange.say(200, {"gitVersion": "v1"}), port=port):
-            until(lambda: "answers again" in (tmp_path / "err").read_text(), "the cluster", 60)
+    with socket.socket() as held:  # nobody else gets the port, and nobody listens at it
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        held.bind(("127.0.0.1", 0))
+        port = held.getsockname()[1]
+        with rigel_ui(tmp_path, "demo", port=port):
+            until(lambda: "; waiting for it" in (tmp_path / "err").read_text(), "the outage", 60)
+            with serving(lambda exchange: exchange.say(200, {"gitVersion": "v1"}), port=port):
+                until(lambda: "answers again" in (tmp_path / "err").read_text(), "the cluster", 60)
 
 
 def run(tmp_path: Path, code: str, *words: str) -> subprocess.CompletedProcess[str]:
@@ -176,7 +179,7 @@ def run(tmp_path: Path, code: str, *words: str) -> subprocess.CompletedProcess[s
         env={**os.environ, "KUBECONFIG": str(tmp_path / "kubeconfig")},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
 

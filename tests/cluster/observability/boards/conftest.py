@@ -156,10 +156,12 @@ def healthy(deployed: Callable[..., str], watch: Watch) -> Troubled:
         },
     )
     forgetful = deployed("forgetful", {"talker": node("talker", "/scan", "")}, gate=False)
-    for namespace, nodes in ((sick, 3), (forgetful, 1)):
+    wanted = {sick: {"/sensor", "/listener", "/victim"}, forgetful: {"/talker"}}
+    for namespace, nodes in wanted.items():
         up = f'ros_node_up{{namespace="{namespace}", workload!=""}} == 1'
         until(
-            lambda up=up, nodes=nodes: len(watch.now(up)) >= nodes, f"all nodes up in {namespace}"
+            lambda up=up, nodes=nodes: nodes <= {x["metric"]["ros_node"] for x in watch.now(up)},
+            f"all nodes up in {namespace}",
         )
         flows = f'topic:ros_topic_messages:rate5m{{namespace="{namespace}", topic="/scan"}} > 0.5'
         until(lambda flows=flows: watch.now(flows), f"/scan flows in {namespace}")

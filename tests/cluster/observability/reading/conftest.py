@@ -20,6 +20,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from tests.support import until as waiting
 
 from ...background import Background
+from ...rights import wait_for_right
 
 T = TypeVar("T")
 Done = subprocess.CompletedProcess[str]
@@ -61,6 +62,8 @@ for say in ("debug", "info", "warn", "err", "fatal"):
     getattr(rospy, "log" + say)("this is " + say)
 time.sleep(1000)
 """
+#: What users with few rights may do in the application's namespace.
+READ = {"apiGroups": [""], "resources": ["pods", "pods/log"], "verbs": ["get", "list", "watch"]}
 
 
 def until(look: Callable[[], T], what: str, patience: float = 180) -> T:
@@ -142,7 +145,7 @@ def app(
     jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}}
     made = App(tmp_path_factory.mktemp("reading") / "Rigelfile", context, name)
     made.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
-    made("run", "job", "deploy", "--timeout", "4m")
+    made("run", "job", "deploy", "--timeout", "8m")
     yield made
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
@@ -159,6 +162,10 @@ def limited(app: App, cluster: Any, context: str, tmp_path: Path) -> Iterator[Ca
             meta = manifest["metadata"]
             ref = (manifest["apiVersion"], manifest["kind"], meta.get("namespace", ""), name)
             made.append(ObjectRef(*ref))
+        user = f"system:serviceaccount:{app.namespace}:{name}"
+        wait_for_right(cluster, user, READ, app.namespace)
+        for rule in rules:
+            wait_for_right(cluster, user, rule)
         config = tmp_path / f"{name}.json"
         config.write_text(json.dumps(kubeconfig(cluster, context, app.namespace, name)))
         return attrs.evolve(app, context="limited", env={"KUBECONFIG": str(config)})
@@ -171,11 +178,10 @@ def limited(app: App, cluster: Any, context: str, tmp_path: Path) -> Iterator[Ca
 def account(name: str, namespace: str, rules: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Yield a service account that may read pods and their logs, and what the rules say."""
     meta = {"name": name, "namespace": namespace}
-    read = {"apiGroups": [""], "resources": ["pods", "pods/log"], "verbs": ["get", "list", "watch"]}
     subjects = [{"kind": "ServiceAccount", **meta}]
     api = "rbac.authorization.k8s.io"
     yield {"apiVersion": "v1", "kind": "ServiceAccount", "metadata": meta}
-    for kind, place, own in (("Role", meta, [read]), ("ClusterRole", {"name": name}, list(rules))):
+    for kind, place, own in (("Role", meta, [READ]), ("ClusterRole", {"name": name}, list(rules))):
         to = {"apiGroup": api, "kind": kind, "name": name}
         yield {"apiVersion": f"{api}/v1", "kind": kind, "metadata": place, "rules": own}
         yield {

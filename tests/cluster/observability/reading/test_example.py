@@ -30,7 +30,7 @@ def unwatched(app: App, cluster: Any, base_image: str, tmp_path: Path) -> Iterat
     job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
     made = App(tmp_path / "Rigelfile", app.context, name)
     made.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
-    made("run", "job", "deploy", "--timeout", "4m")
+    made("run", "job", "deploy", "--timeout", "8m")
     yield made
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 

@@ -47,7 +47,7 @@ def numbers(lines: list[dict[str, Any]]) -> dict[str, list[int]]:
 
 def test_lines_of_a_pod_that_is_gone_are_found(app: App, cluster: Any) -> None:
     """With their levels and tracebacks; nothing is missing or there twice."""
-    [old] = {line["pod"] for line in app.lines("--since", "1h", "talker")}
+    [old] = until(lambda: {x["pod"] for x in app.lines("--since", "1h", "talker")}, "its lines")
 
     def has_failed() -> bool:
         return any(line["pod"] == old for line in app.lines("--level", "error", "talker"))
@@ -74,7 +74,7 @@ def test_lines_of_a_pod_that_is_gone_are_found(app: App, cluster: Any) -> None:
 
 def test_lines_of_all_nodes_are_in_the_order_of_time(app: App) -> None:
     """What was heard stands after what was said; the exporter is no ROS node."""
-    lines = app.lines("--since", "10m")
+    lines = app.lines("--since", "1h")  # some say something at their start alone
     assert [line["time"] for line in lines] == sorted(line["time"] for line in lines)
     assert {line["workload"] for line in lines} == {
         "talker",
@@ -117,7 +117,8 @@ def test_more_lines_than_loki_gives_at_once(app: App) -> None:
         texts = [line["text"] for line in app.lines("--since", "1h", *words, "shouter")]
         return [int(text.split()[1]) for text in texts if text.startswith("flood ")]
 
-    assert flood() == list(range(12000))
+    found = until(lambda: (lines := flood())[-1:] == [11999] and lines, "the last line")
+    assert found == list(range(12000))
     last = flood("--tail", "50")
     assert last == list(range(12000 - len(last), 12000))
     assert 30 < len(last) < 50
@@ -133,15 +134,19 @@ def ros2_app(app: App, cluster: Any, ros2_image: str, tmp_path: Path) -> Iterato
     text = {"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}
     made = App(tmp_path / "Rigelfile", app.context, name)
     made.file.write_text(json.dumps(text))
-    made("run", "job", "deploy", "--timeout", "4m")
+    made("run", "job", "deploy", "--timeout", "8m")
     yield made
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
 def test_levels_of_ros_2(ros2_app: App) -> None:
     """The same from Loki and from the API server."""
-    now = levels([json.loads(x) for x in ros2_app("logs", "-o", "json").stdout.splitlines()])
-    assert now == EACH
+
+    def now() -> dict[str, str | None]:
+        return levels([json.loads(x) for x in ros2_app("logs", "-o", "json").stdout.splitlines()])
+
+    until(lambda: len(now()) == len(EACH), "its lines")  # it is ready before it says them
+    assert now() == EACH
     until(lambda: len(levels(ros2_app.lines("--since", "1h"))) == len(EACH), "its lines")
     assert levels(ros2_app.lines("--since", "1h")) == EACH
     above = {"this is error": "error", "this is fatal": "fatal"}
@@ -155,8 +160,14 @@ def test_without_loki_the_lines_are_the_same(app: App, limited: Callable[..., Ap
     [why] = told.stderr.splitlines()
     assert "you may not ask Loki" in why or "there is no observability stack" in why
     assert "only the lines of existing containers" in why
-    lines = [json.loads(x) for x in someone("logs", "--level", "warn", "-o", "json", "talker")
-             .stdout.splitlines()]  # fmt: skip
+
+    def existing() -> list[dict[str, Any]] | None:
+        """Its lines, once there is one of each level: its pod may be new."""
+        done = someone("logs", "--level", "warn", "-o", "json", "talker")
+        found = [json.loads(line) for line in done.stdout.splitlines()]
+        return found if any(line["level"] == "error" for line in found) else None
+
+    lines = until(existing, "an error of the talker")
     assert {line["level"] for line in lines} == {"warn", "error"}
     pod, last = lines[0]["pod"], lines[-1]["time"]
     first = lines[0]["time"]
@@ -208,7 +219,7 @@ def test_follow_goes_on_where_the_past_ends(
     running = start(app.command("logs", "-f", "--since", "1m", "-o", "json", "talker"))
 
     def lines() -> list[dict[str, Any]]:
-        return [json.loads(line) for line in list(running.lines)]
+        return [json.loads(line) for line in list(running.lines) if line.startswith("{")]
 
     until(lambda: running.lines, "the first line")
     before = len(running.lines)
@@ -219,7 +230,7 @@ def test_follow_goes_on_where_the_past_ends(
     seen = set(numbers(lines()))
     until(lambda: set(numbers(lines())) - seen, "lines of the next pod")
     assert running.interrupt() == 130
-    found = [json.loads(x) for x in running.lines if x.startswith("{")]
+    found = lines()
     for said in numbers(found).values():
         assert said == list(range(said[0], said[0] + len(said)))
     failed = sum("failed" in line["text"] for line in found)

@@ -196,7 +196,7 @@ def test_remove_takes_the_release_away(
     there = App(tmp_path / "Rigelfile", app.context, namespace)
     text = {"application": {"distro": "noetic"}, "jobs": {"deploy": job}}
     there.file.write_text(json.dumps(text))
-    there("run", "job", "deploy", "--timeout", "4m")
+    there("run", "job", "deploy", "--timeout", "8m")
     assert "there is no terminal to ask" in there("observe", "remove", "--volumes", code=2).stderr
     told = there("observe", "remove", "--volumes", "-y").stdout
     assert f"removed the observability stack from {namespace}: " in told

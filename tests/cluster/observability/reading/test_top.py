@@ -43,22 +43,29 @@ def kubelets_word(cluster: Any, row: dict[str, Any]) -> tuple[float, float]:
     return pod["cpu"]["usageNanoCores"] / 1e9, pod["memory"]["workingSetBytes"]
 
 
+def agrees(cluster: Any, row: dict[str, Any]) -> bool:
+    """Return whether a row has what its machine's kubelet tells, within reason.
+
+    The two are of different moments, between which a busy machine may give a pod more or less.
+    """
+    if row["cpu"] is None or row["memory"] is None:
+        return False
+    cores, size = kubelets_word(cluster, row)
+    return bool(abs(row["memory"] - size) < 0.5 * size and abs(row["cpu"] - cores) < 0.05 + cores)
+
+
 def test_top_tells_what_prometheus_knows(app: App, cluster: Any) -> None:
     """CPU and memory are the kubelet's within reason; traffic is what the nodes really send."""
 
     def known() -> dict[str, dict[str, Any]] | None:
         found = rows(app)
-        full = all(row["cpu"] and row["memory"] for row in found.values())
+        full = all(row["cpu"] and agrees(cluster, row) for row in found.values())
         seen = full and found["lab-listener"]["received"] and found["talker"]["up"]
         return found if seen else None
 
-    found = until(known, "all figures")
+    found = until(known, "all figures, as the kubelets tell them")
     assert json.loads(app("top", "-o", "json").stdout)["source"] == "prometheus"
     assert set(found) == {"talker", "lab-listener", "shouter", "ros-master"}, "nodes, no exporter"
-    for row in found.values():
-        cores, size = kubelets_word(cluster, row)
-        assert abs(row["memory"] - size) < 0.5 * size
-        assert abs(row["cpu"] - cores) < 0.05 + cores
     assert found["talker"]["up"] is True
     assert found["talker"]["ros_name"] == "/talker"
     # Five a second on /chatter, and what it logs on /rosout.
@@ -73,10 +80,14 @@ def test_top_tells_what_prometheus_knows(app: App, cluster: Any) -> None:
 def test_topics_have_rates_and_ages(app: App) -> None:
     """A topic that is named is heard; of the others the nodes' own counts are told."""
 
-    def known() -> dict[str, Any] | None:
+    def known() -> dict[str, Any]:
+        """The topics, once /chatter has a rate."""
         done = app("top", "--topics", "-o", "json")
         topics = {row["name"]: row for row in json.loads(done.stdout)["topics"]}
-        return topics if topics["/chatter"]["rate"] else None
+        return topics if topics.get("/chatter", {}).get("rate") else {}
+
+    def rate() -> float:
+        return float(known().get("/chatter", {}).get("rate", 0))
 
     topics = until(known, "the rate of /chatter")
     chatter = topics["/chatter"]
@@ -84,7 +95,7 @@ def test_topics_have_rates_and_ages(app: App) -> None:
     assert chatter["publishers"] == 1
     assert chatter["heard"] is True
     assert chatter["age"] < 60
-    until(lambda: 4 < known()["/chatter"]["rate"] < 6, "five messages a second")
+    until(lambda: 4 < rate() < 6, "five messages a second")
     assert topics["/rosout"]["heard"] is False
     assert topics["/rosout"]["age"] is None
     assert re.search(
@@ -102,11 +113,13 @@ def test_without_prometheus_the_kubelets_tell(
     assert json.loads(done.stdout)["source"] == "kubelet"
     [why] = done.stderr.splitlines()
     assert why.startswith("from the kubelet: you may not ask Prometheus")
-    found = rows(someone)
+
+    def known() -> dict[str, dict[str, Any]] | None:
+        found = rows(someone)
+        return found if all(agrees(cluster, row) for row in found.values()) else None
+
+    found = until(known, "all figures, as the kubelets tell them")
     for row in found.values():
-        cores, size = kubelets_word(cluster, row)
-        assert abs(row["memory"] - size) < 0.5 * size
-        assert abs(row["cpu"] - cores) < 0.05 + cores
         assert row["up"] is None
 
 

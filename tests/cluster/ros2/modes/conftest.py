@@ -103,7 +103,7 @@ class Release:
         )
         return {match[1] for match in map(HEARD.search, lines) if match}
 
-    def until_heard(self, node: str, whom: set[str], *, seconds: float = 60) -> None:
+    def until_heard(self, node: str, whom: set[str], *, seconds: float = 120) -> None:
         """Wait until a listener hears exactly these."""
         self.project.until(
             lambda: self.heard(node) == whom,
@@ -126,7 +126,8 @@ class Release:
         pod = {"nodeSelector": {"kubernetes.io/hostname": other}}
         ref = ObjectRef("apps/v1", "Deployment", space, workload)
         cluster.patch(ref, {"spec": {"template": {"spec": pod}}})
-        self.project.until(lambda: self.is_ready(workload, other), f"pod of {workload} on {other}")
+        pod_there = f"pod of {workload} on {other}"  # perhaps after its image
+        self.project.until(lambda: self.is_ready(workload, other), pod_there, seconds=240)
 
     def is_ready(self, workload: str, machine: str) -> bool:
         """Return whether a workload's pod is ready on a machine."""

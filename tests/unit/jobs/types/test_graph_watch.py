@@ -147,8 +147,11 @@ def test_a_lost_publisher_is_a_warning(world: World) -> None:
     assert world.statuses() == ["superseded", "good"]
 
 
-def test_a_node_that_comes_back_late_is_no_warning(world: World) -> None:
+def test_a_node_that_comes_back_late_is_no_warning(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Nodes take a moment to be in the graph again; a reading may fail meanwhile."""
+    monkeypatch.setattr(watching, "PATIENCE", 60.0)
     world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
     world.failures = [None, ClusterError("the pod is starting"), None]
     world.deploy()

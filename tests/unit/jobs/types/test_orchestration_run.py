@@ -184,8 +184,8 @@ def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
 
     deploy("sleep 11")
     with pytest.raises(RolloutFailed) as caught:
-        deploy("sleep 12", timeout=0.3, rollback_on_failure=True)
-    assert "not ready within 0.3 s: talker" in caught.value.message
+        deploy("sleep 12", timeout=2, rollback_on_failure=True)  # the rollback has as long
+    assert "not ready within 2 s: talker" in caught.value.message
     assert caught.value.message.endswith(": rolled back to revision 1, as revision 3")
     release = ReleaseId("n", "rigel-k8s-application")
     assert [r.status for r in deploys.history(fake, release)] == ["superseded", "failed", "good"]

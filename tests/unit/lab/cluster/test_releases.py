@@ -6,6 +6,7 @@ import hashlib
 import os
 import socket
 import tarfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -243,22 +244,27 @@ def test_a_server_that_is_not_there_is_asked_once(
 def test_a_name_server_that_hangs_costs_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Resolving a name has no time-out of its own."""
 
+    over = threading.Event()
+
     def hang(*words: object) -> socket.socket:
-        time.sleep(1)
+        over.wait(120)
         raise socket.gaierror
 
     monkeypatch.setattr(download.socket, "create_connection", hang)
-    start = time.monotonic()
-    with pytest.raises(Unavailable, match=r"cannot reach dl.k8s.io \(no connection within"):
-        Server(Patience(connect=0.05)).read_sum("https://dl.k8s.io/x.sha256", "x")
-    assert time.monotonic() - start < 0.5
+    try:
+        start = time.monotonic()
+        with pytest.raises(Unavailable, match=r"cannot reach dl.k8s.io \(no connection within"):
+            Server(Patience(connect=0.05)).read_sum("https://dl.k8s.io/x.sha256", "x")
+        assert time.monotonic() - start < 60
+    finally:
+        over.set()
 
 
 def test_a_proxy_is_used(server: Releases, monkeypatch: pytest.MonkeyPatch) -> None:
     """What only a proxy can reach is asked of it, and its name is not looked up here."""
     monkeypatch.setenv("http_proxy", server.url)
     with pytest.raises(Unavailable, match=r"no\.such\.host/x: HTTP 404"):
-        Server(QUICK).read("http://no.such.host/x")
+        Server(Patience()).read("http://no.such.host/x")
     assert server.asked == ["http://no.such.host/x"]
 
 

@@ -321,7 +321,7 @@ def test_ros2_launch_asks_its_nodes_to_stop(
         if line.startswith("[count.sh-1]"):
             break
     process.send_signal(number)
-    rest = process.communicate(timeout=30)[0]
+    rest = process.communicate(timeout=120)[0]
     assert "[INFO] [count.sh-1]: sending signal 'SIGINT'" in rest
     assert process.returncode == 0
 

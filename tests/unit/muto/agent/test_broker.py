@@ -192,7 +192,7 @@ def test_a_connection_that_ends_during_a_command_does_not_repeat_it(mosquitto: M
         Peer(mosquitto.port, "answers") as peer,
     ):
         peer.send(START, name(0))
-        assert restarted.wait(30), running_agent.reporter.texts
+        assert restarted.wait(120), running_agent.reporter.texts
         wait_until_ready(running_agent.broker, running_agent.reporter)
         peer.send(START, name(1))
         assert running_agent.wait_for(2) == names(2)

@@ -36,7 +36,7 @@ def test_what_work_leaves_is_freed_at_its_end() -> None:
     try:
         turns.start()
         turns.put(work)
-        until(lambda: work.left is not None and work.left() is None, "the end of the cycle", 10)
+        until(lambda: work.left is not None and work.left() is None, "the end of the cycle", 60)
     finally:
         gc.enable()
         turns.close(10)

@@ -10,8 +10,6 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGra
 OPTIONAL_TOPICS = frozenset(
     {"/clock", "/diagnostics", "/parameter_events", "/rosout", "/statistics", "/tf", "/tf_static"}
 )
-#: Topics that each node has, and the log that a ROS 1 master's node collects.
-OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
 
 
 def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:

@@ -8,6 +8,11 @@ from __future__ import annotations
 
 import attrs
 
+#: Topics that each node has, and the log that a ROS 1 master's node collects.
+OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
+#: The end of an action's name for one of its hidden topics, which stands for the action.
+FEEDBACK = "/_action/feedback"
+
 
 @attrs.frozen
 class GraphNode:
@@ -58,6 +63,13 @@ class GraphTopic:
     subscribers: tuple[str, ...] = ()
     mismatches: tuple[Mismatch, ...] = ()
     rate: float | None = attrs.field(default=None, eq=False)
+
+    @property
+    def is_public(self) -> bool:
+        """Not one that each node has; of hidden topics only the one that stands for an action."""
+        if self.name in OWN_TOPICS:
+            return False
+        return self.name.endswith(FEEDBACK) or "/_" not in self.name
 
 
 @attrs.frozen

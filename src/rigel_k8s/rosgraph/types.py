@@ -6,6 +6,8 @@ these classes, which are independent of where a graph comes from.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import attrs
 
 #: Topics that each node has, and the log that a ROS 1 master's node collects.
@@ -97,6 +99,14 @@ class RosGraph:
     topics: tuple[GraphTopic, ...] = ()
     services: tuple[GraphService, ...] = ()
     leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
+
+    def with_rates(self, rates: Mapping[str, float]) -> RosGraph:
+        """Return the graph with these rates, by topic, where it has none."""
+        topics = (
+            topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
+            for topic in self.topics
+        )
+        return attrs.evolve(self, topics=tuple(topics))
 
 
 @attrs.frozen

@@ -184,12 +184,7 @@ def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
     with ThreadPoolExecutor(max_workers=1) as beside:
         heard = beside.submit(read_rates, cluster, release)
         graph = read_graph(cluster, release)
-        rates = heard.result()
-    topics = [
-        topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
-        for topic in graph.topics
-    ]
-    return attrs.evolve(graph, topics=tuple(topics))
+        return graph.with_rates(heard.result())
 
 
 def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:

@@ -12,9 +12,9 @@ from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
-MANAGER = "rigel"  # the owner of the fields that we apply
 PAGE = 500
 DELETES = 3  # attempts to delete an object that others write at the same moment
 METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
@@ -96,13 +96,17 @@ class Store:
         """
         ref = ref_of(manifest)
         what = f"apply {ref}"
-        query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
+        query = {
+            "fieldManager": FIELD_MANAGER,
+            "force": force and "true",
+            "dryRun": dry_run and "All",
+        }
         url = self.client.path_of(ref, what, query=query)
         body = {**manifest, "metadata": {**manifest["metadata"], **onto.metadata}}
         try:
             return self.client.write("PATCH", url, what, body, PATCHES["apply"])
         except Conflict as error:
-            if force or {field.manager for field in error.fields} != {MANAGER}:
+            if force or {field.manager for field in error.fields} != {FIELD_MANAGER}:
                 raise
         except Refusal as error:
             if "metadata.uid" not in {cause.field for cause in error.causes}:
@@ -115,7 +119,7 @@ class Store:
         ref = ref_of(manifest)
         what = f"create {ref}"
         resource = self.client.resource(ref.api_version, ref.kind, what)
-        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        query = {"fieldManager": FIELD_MANAGER, "dryRun": dry_run and "All"}
         url = path(ref.api_version, resource, ref.namespace, query=query)
         return self.client.write("POST", url, what, manifest)
 
@@ -134,7 +138,7 @@ class Store:
         """Replace an object; Conflict if it has a resourceVersion that is no longer current."""
         ref = ref_of(manifest)
         what = f"replace {ref}"
-        url = self.client.path_of(ref, what, query={"fieldManager": MANAGER})
+        url = self.client.path_of(ref, what, query={"fieldManager": FIELD_MANAGER})
         return self.client.write("PUT", url, what, manifest)
 
     def patch(
@@ -147,7 +151,7 @@ class Store:
     ) -> dict[str, Any]:
         """Patch an object."""
         what = f"patch {ref}"
-        query = {"fieldManager": MANAGER}
+        query = {"fieldManager": FIELD_MANAGER}
         url = self.client.path_of(ref, what, subresource=subresource, query=query)
         return self.client.write("PATCH", url, what, body, PATCHES[style])
 

@@ -239,21 +239,21 @@ class Live:
             for kind in KINDS
             for item in view.objects[kind].values()
         }
-        made: dict[str, Any] = {}
-        for workload in found.workloads:
-            item = live[workload.kind, workload.name]
-            newest = around.list_newest_pods(item)
-            ref = ref_of(item)
-            self._note_crashes(ref, newest, now)
-            old = self._nodes.get(workload.name, {})
-            made[workload.name] = node_entry(
+        items = [live[workload.kind, workload.name] for workload in found.workloads]
+        newest = [around.list_newest_pods(item) for item in items]
+        for item, pods in zip(items, newest, strict=True):
+            self._note_crashes(ref_of(item), pods, now)
+        unsteady = self._crashes.find_unsteady(now)
+        return {
+            workload.name: node_entry(
                 workload,
-                newest,
-                crashed=ref in self._crashes.find_unsteady(now),
-                machine=str(old.get("machine", "")),
+                pods,
+                crashed=ref_of(item) in unsteady,
+                machine=str(self._nodes.get(workload.name, {}).get("machine", "")),
                 rolling=rolling,
             )
-        return made
+            for workload, item, pods in zip(found.workloads, items, newest, strict=True)
+        }
 
     def _note_crashes(self, ref: ObjectRef, pods: list[Manifest], now: float) -> None:
         """Note how often a workload's pods have crashed, as far as they are to stay.

@@ -185,7 +185,7 @@ def make_rollback(changes: Changes) -> Any:
         if number is None:
             return JSONResponse({"message": 'the body must be {"revision": NUMBER}'}, 400)
         if not changes.start(number):
-            return JSONResponse({"message": "a rollback is going on already"}, 409)
+            return JSONResponse({"message": "another rollback is still running"}, 409)
         return JSONResponse({}, 202)
 
     return roll_back

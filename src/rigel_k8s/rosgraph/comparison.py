@@ -156,8 +156,8 @@ def list_lost_nodes(old: _Side, new: _Side, named: Collection[str]) -> Iterator[
 def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[GraphProblem]:
     """Return the problems that the graph did not have before.
 
-    It is not the update's doing whether a node outside of the release answers; it is if types no
-    longer fit.
+    If a node outside of the release no longer answers, the update is not the cause; if types no
+    longer fit, it is.
     """
     own = {node.name for node in new.graph.nodes if is_own(node)} | set(new.names)
     known = {identify(problem) for problem in find_problems(old.graph)}

@@ -136,7 +136,7 @@ def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the names of nodes whose pods are being terminated.
 
     Their addresses are not enough: if another process has taken a node's name, the master has the
-    new address, and the topics of the old process until that unregisters them.
+    new process' address, and the old process' topics until that process unregisters them.
 
     Args:
         items: all pods of the release, as the API server returns them.

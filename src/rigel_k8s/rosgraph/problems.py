@@ -20,7 +20,7 @@ def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:
 
 
 def check_node(node: GraphNode) -> Iterator[GraphProblem]:
-    """Yield what is wrong with a node: only the nearest cause."""
+    """Yield what is wrong with a node: only the most direct cause."""
     if not node.registered:
         message = f"{node.name} is not in the graph: {explain_missing(node)}"
         yield GraphProblem("missing", message, nodes=(node.name,))

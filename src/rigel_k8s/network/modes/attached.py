@@ -83,7 +83,7 @@ def plugin(name: str, network: Network) -> dict[str, Any]:
 
 
 def ipam(network: Network) -> dict[str, Any]:
-    """Return who gives out addresses, and which."""
+    """Return the program that gives out addresses, and which addresses it has."""
     routes = {"routes": [drop_empty({"dst": to, "gw": network.gateway}) for to in network.routes]}
     kind = network.ipam or "whereabouts"
     if kind == "whereabouts":

@@ -28,7 +28,7 @@ import pytest
 from rigel_k8s.commands import images
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.images.registry import DIGESTS, resolve_digest
+from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions
 from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
@@ -44,6 +44,7 @@ from rigel_k8s.system import oci
 from rigel_lab import cluster as localcluster
 from rigel_lab.images import exporter
 from rigel_lab.images.base.build import BaseImage
+from tests.support.digests import resolve_digest
 from tests.support.recorder import Recorder
 from tests.support.until import until
 

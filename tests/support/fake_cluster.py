@@ -297,44 +297,26 @@ class FakeCluster:
         right = Right(asked["group"], resource, asked["verb"])
         return {"allowed": any(map(right.is_granted_by, self.store.rules))}
 
-    def replace(self, manifest: Mapping[str, Any], *, dry_run: bool = False) -> Live:
+    def replace(self, manifest: Mapping[str, Any]) -> Live:
         ref, what = ref_of(manifest), f"replace {ref_of(manifest)}"
         with self.store.lock:
-            self.note("try" if dry_run else "replace", ref)
+            self.note("replace", ref)
             old = self.require(ref, what)
             new = clone(dict(manifest))
-            return self.update(what, ref, old, new, dry_run=dry_run)
+            return self.update(what, ref, old, new)
 
-    def patch(
-        self,
-        ref: ObjectRef,
-        body: Mapping[str, Any],
-        *,
-        style: str = "merge",
-        subresource: str = "",
-        dry_run: bool = False,
-    ) -> Live:
-        assert style == "merge", "the fake has merge patches only"
+    def patch(self, ref: ObjectRef, body: Mapping[str, Any]) -> Live:
         what = f"patch {ref}"
         with self.store.lock:
-            self.note("try" if dry_run else "patch", ref)
+            self.note("patch", ref)
             old = self.require(ref, what)
             new = merge_patched(old, body)
-            return self.update(what, ref, old, new, dry_run=dry_run)
+            return self.update(what, ref, old, new)
 
-    def delete(
-        self,
-        ref: ObjectRef,
-        *,
-        uid: str | None = None,
-        version: str | None = None,
-        propagation: str = "Background",
-        grace_seconds: int | None = None,
-        dry_run: bool = False,
-    ) -> bool:
+    def delete(self, ref: ObjectRef, *, uid: str | None = None, version: str | None = None) -> bool:
         what = f"delete {ref}"
         with self.store.lock:
-            self.note("try" if dry_run else "delete", ref)
+            self.note("delete", ref)
             live = self.find(ref, what)
             if live is None:
                 return False
@@ -342,9 +324,8 @@ class FakeCluster:
                 raise wrong_uid(what, uid, live)
             if version and version != live["metadata"]["resourceVersion"]:
                 raise modified(what, ref)
-            if not dry_run:
-                self.store.delete(ref)
-                self.die_if_due()
+            self.store.delete(ref)
+            self.die_if_due()
             return True
 
     # Pods.
@@ -392,7 +373,7 @@ class FakeCluster:
             raise make_refusal(what, 404, "NotFound", f'"{ref.name}" not found')
         return live
 
-    def update(self, what: str, ref: ObjectRef, old: Live, new: Live, *, dry_run: bool) -> Live:
+    def update(self, what: str, ref: ObjectRef, old: Live, new: Live) -> Live:
         """Store what an update (not an apply) makes of an object."""
         meta, was = new["metadata"], old["metadata"]
         if meta.get("uid") not in (None, was["uid"]):
@@ -422,10 +403,10 @@ class FakeCluster:
             set_now | gone,
             ref.api_version,
         )
-        return self.write(what, ref, old, new, dry_run=dry_run)
+        return self.write(what, ref, old, new)
 
     def write(
-        self, what: str, ref: ObjectRef, old: Live | None, new: Live, *, dry_run: bool
+        self, what: str, ref: ObjectRef, old: Live | None, new: Live, *, dry_run: bool = False
     ) -> Live:
         """Check what is to be stored, and store it where it is no dry run."""
         new = fill_defaults(new)

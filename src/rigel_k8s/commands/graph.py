@@ -58,7 +58,7 @@ def look(found: Release) -> LiveGraph:
     """Return the graph of a release that is connected. Raises as graph."""
     read = read_graph(found.cluster, found.id)
     if any(topic.rate is None for topic in read.topics):
-        read = add_rates(read, measured_rates(found))
+        read = read.with_rates(measured_rates(found))
     return LiveGraph(found.id, read, find_problems(read))
 
 
@@ -72,15 +72,6 @@ def measured_rates(found: Release) -> dict[str, float]:
         return {}
     counted, heard = (index_by("topic", samples) for samples in answers)
     return {**counted, **heard}
-
-
-def add_rates(graph: RosGraph, rates: Mapping[str, float]) -> RosGraph:
-    """Return a graph with rates added where it has none."""
-    topics = [
-        topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
-        for topic in graph.topics
-    ]
-    return attrs.evolve(graph, topics=tuple(topics))
 
 
 def draw(found: LiveGraph, form: str, *, everything: bool = False) -> str:

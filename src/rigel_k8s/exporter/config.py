@@ -31,7 +31,7 @@ class Config(NamedTuple):
         servers: discovery servers, HOST or HOST:PORT.
         expected: ROS names of nodes that must exist, and the workload of each.
         known: the same for nodes that may have another name.
-        topics: topics to subscribe to, besides those of the next three.
+        topics: topics to subscribe to, in addition to those of the next three fields.
         diagnostics: subscribe to /diagnostics.
         clock: subscribe to /clock.
         tf: subscribe to /tf.

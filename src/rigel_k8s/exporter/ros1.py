@@ -267,7 +267,7 @@ class Ros1:
         try:
             return future.result(_LOOK)
         finally:
-            future.cancel()  # of no effect unless it took too long
+            future.cancel()  # only has an effect if it took too long
 
 
 class _Place:

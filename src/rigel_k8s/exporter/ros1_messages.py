@@ -1,6 +1,6 @@
 """Reads the few ROS 1 messages that the exporter needs, without ROS.
 
-Raises ValueError for what is not such a message.
+Every function raises ValueError if the bytes are not such a message.
 """
 
 from __future__ import annotations

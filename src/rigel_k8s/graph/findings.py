@@ -97,12 +97,13 @@ def discoveries(
 ) -> dict[str, dict[str, bool]]:
     """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
     known: dict[str, dict[str, bool]] = {}
+    heard = {m.pod: {p["prefix"] for p in seen[m.pod].heard} for m in looked}
     for member in looked:
         if not member.answers or member.middleware == "zenoh" or member.own_ways:
             continue
         own = {p["prefix"] for p in seen[member.pod].heard if p["own"]}
         known[member.pod] = {
-            other.pod: bool(own) and own <= {p["prefix"] for p in seen[other.pod].heard}
+            other.pod: bool(own) and own <= heard[other.pod]
             for other in looked
             if other.pod != member.pod and other.domain == member.domain
             if seen[other.pod].announced or looks_for(other, member)

@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.modes import MODES
-from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_out_of_reach
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
 
@@ -23,7 +23,6 @@ OWN_WAYS = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
 PROBE = f"{MOUNT_PATH}/ready.sh"
-STATUS_ANNOTATION = "k8s.v1.cni.cncf.io/network-status"
 
 
 @attrs.frozen
@@ -141,7 +140,7 @@ def choose_address(
 
 def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
     """Yield an interface's IPv4 addresses from Multus' annotation."""
-    for network in parse_json(annotations.get(STATUS_ANNOTATION), []):
+    for network in parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), []):
         if interface and network.get("interface") == interface:
             yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
 

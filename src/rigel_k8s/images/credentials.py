@@ -1,4 +1,4 @@
-"""Who may push and pull, in the form that docker, podman and Kubernetes read; never printed."""
+"""Credentials for registries, as docker, podman and Kubernetes read them; never printed."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ def _env(recipe: Recipe) -> Iterator[str]:
 
 
 def _env_value(value: str) -> str:
-    # `$NAME` stays as it is, for docker expands it, and so does `\$`, which stops that.
+    # `$NAME` stays as it is, since docker expands it; `\$` too, which keeps docker from that.
     escaped = re.sub(r"\\(?!\$)", r"\\\\", value).replace('"', '\\"')
     return f'"{escaped}"'
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 #: In a sequence's shared data: {image reference as users write it: digest}, of all that was pushed.
 DIGESTS = "image_digests"
 
+_TIMEOUT = 3.0  # seconds for each answer of a registry
 _HUB_HOST = "registry-1.docker.io"
 _ACCEPT = ", ".join(
     [
@@ -84,47 +85,11 @@ class _Patience:
             self._unanswered[registry] += 1
 
 
-def resolve_digest(
-    image: str,
-    credentials: RegistryCredentials | None = None,
-    *,
-    timeout: float = 3.0,
-    insecure: bool = False,
-) -> str | None:
-    """Return the digest that the registry has for an image, None if it gives none.
-
-    Args:
-        image: a reference; one with a digest is returned without a request.
-        credentials: for the image's registry.
-        timeout: seconds for each answer of the registry.
-        insecure: plain HTTP is allowed, as it is on loopback; an address of a private network is
-            asked over plain HTTP as well, without credentials.
-    """
-    try:
-        reference = parse_reference(image)
-        return _find_digest(reference, credentials, timeout, insecure=insecure)
-    except (UserError, _Unclear):
-        return None
-
-
-def _find_digest(
-    reference: Reference,
-    credentials: RegistryCredentials | None,
-    timeout: float,
-    *,
-    insecure: bool = False,
-) -> str | None:
-    if reference.digest:
-        return reference.digest
-    registry = _registry_of(reference, credentials, timeout, insecure=insecure)
-    return registry.digest(reference.repository, reference.version)
-
-
 def resolve_digests(
     images: Iterable[str],
     credentials: Sequence[RegistryCredentials] = (),
     *,
-    timeout: float = 3.0,
+    timeout: float = _TIMEOUT,
 ) -> dict[str, str]:
     """Return the digests of those images whose registries give them, in parallel.
 
@@ -143,8 +108,9 @@ def resolve_digests(
         if patience.has_run_out(reference.registry):
             return None
         user = credentials_for(reference.registry, credentials)
+        registry = _registry_of(reference, user, timeout)
         try:
-            digest = _find_digest(reference, user, timeout)
+            digest = reference.digest or registry.digest(reference.repository, reference.version)
         except _Unreachable:
             patience.note(reference.registry, answered=False)
             return None
@@ -158,29 +124,29 @@ def resolve_digests(
 
 
 def find_architectures(
-    image: str, credentials: RegistryCredentials | None = None, *, timeout: float = 3.0
+    image: str, credentials: RegistryCredentials | None = None
 ) -> frozenset[str]:
     """Return the kinds of Linux machines that an image runs on; empty: unknown.
 
-    They are named as Kubernetes names them: amd64, arm64. Arguments are those of resolve_digest.
+    They are named as Kubernetes names them: amd64, arm64.
+
+    Args:
+        image: a reference.
+        credentials: for the image's registry.
     """
     try:
         reference = parse_reference(image)
-        registry = _registry_of(reference, credentials, timeout)
+        registry = _registry_of(reference, credentials, _TIMEOUT)
         return registry.architectures(reference.repository, reference.digest or reference.version)
     except (UserError, _Unclear):
         return frozenset()
 
 
 def _registry_of(
-    reference: Reference,
-    credentials: RegistryCredentials | None,
-    timeout: float,
-    *,
-    insecure: bool = False,
+    reference: Reference, credentials: RegistryCredentials | None, timeout: float
 ) -> _Registry:
     user = credentials or RegistryCredentials(reference.registry)
-    return _Registry(reference.registry, user, timeout, insecure=insecure)
+    return _Registry(reference.registry, user, timeout)
 
 
 def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
@@ -189,7 +155,7 @@ def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
     Raises:
         RigelK8sError: the registry refuses them, or cannot be reached.
     """
-    registry = _Registry(credentials.registry, credentials, timeout, insecure=credentials.insecure)
+    registry = _Registry(credentials.registry, credentials, timeout)
     try:
         return registry.log_in()
     except _Unclear as error:
@@ -213,7 +179,6 @@ class _Registry:
     name: str
     credentials: RegistryCredentials
     timeout: float
-    insecure: bool = attrs.field(kw_only=True, default=False)
     _authorization: str = attrs.field(init=False, default="")
 
     def log_in(self) -> bool:
@@ -356,7 +321,7 @@ class _Registry:
 
     @property
     def _plain(self) -> bool:
-        return self.insecure or self.credentials.insecure
+        return self.credentials.insecure
 
 
 def _encrypts(host: str, timeout: float) -> bool:

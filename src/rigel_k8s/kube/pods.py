@@ -64,8 +64,8 @@ class Pods:
     def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
         """Whether a container's log continues for some seconds; True if that is unknown.
 
-        A log ends with its container, while the pod's status reports for a second and more that it
-        runs: this is the present answer of its container runtime.
+        A log ends when its container ends. The pod's status still reports for a second or more that
+        the container runs; the log has the present answer of the container runtime.
 
         Args:
             seconds: at least; if an answer takes long, four times as long as one.

@@ -1,6 +1,6 @@
 """When a request is sent again: after a lost answer, a busy server, an unreachable server.
 
-By itself, a request waits for seconds. Long work (a deploy) waits longer: `Endurance` waits for an
+By default, a request waits for seconds. Long work (a deploy) waits longer: `Endurance` waits for an
 API server that restarts, reports it once, and ends when the user asks for it.
 """
 
@@ -17,7 +17,7 @@ RETRIES = 5  # of requests that the server asks us to send again
 RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
 AWAY = 120.0  # seconds that long work waits for an unreachable server
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0
-SILENT = 1.0  # seconds of waiting that are not worth a line
+SILENT = 1.0  # seconds of waiting that are not reported
 BUSY = frozenset({429, 500, 502, 503, 504})
 GATEWAY = frozenset({502, 503, 504})  # a proxy's statuses for an unreachable server
 

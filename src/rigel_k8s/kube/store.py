@@ -12,15 +12,14 @@ from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
-MANAGER = "rigel"  # the owner of the fields that we apply
 PAGE = 500
 DELETES = 3  # attempts to delete an object that others write at the same moment
 METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 PATCHES = {
     "merge": "application/merge-patch+json",
-    "json": "application/json-patch+json",
     "strategic": "application/strategic-merge-patch+json",
     "apply": "application/apply-patch+yaml",  # JSON is YAML
 }
@@ -97,13 +96,17 @@ class Store:
         """
         ref = ref_of(manifest)
         what = f"apply {ref}"
-        query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
+        query = {
+            "fieldManager": FIELD_MANAGER,
+            "force": force and "true",
+            "dryRun": dry_run and "All",
+        }
         url = self.client.path_of(ref, what, query=query)
         body = {**manifest, "metadata": {**manifest["metadata"], **onto.metadata}}
         try:
             return self.client.write("PATCH", url, what, body, PATCHES["apply"])
         except Conflict as error:
-            if force or {field.manager for field in error.fields} != {MANAGER}:
+            if force or {field.manager for field in error.fields} != {FIELD_MANAGER}:
                 raise
         except Refusal as error:
             if "metadata.uid" not in {cause.field for cause in error.causes}:
@@ -116,7 +119,7 @@ class Store:
         ref = ref_of(manifest)
         what = f"create {ref}"
         resource = self.client.resource(ref.api_version, ref.kind, what)
-        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        query = {"fieldManager": FIELD_MANAGER, "dryRun": dry_run and "All"}
         url = path(ref.api_version, resource, ref.namespace, query=query)
         return self.client.write("POST", url, what, manifest)
 
@@ -131,28 +134,26 @@ class Store:
         status: Mapping[str, Any] = answer["status"]
         return status
 
-    def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
+    def replace(self, manifest: Manifest) -> dict[str, Any]:
         """Replace an object; Conflict if it has a resourceVersion that is no longer current."""
         ref = ref_of(manifest)
         what = f"replace {ref}"
-        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
-        return self.client.write("PUT", self.client.path_of(ref, what, query=query), what, manifest)
+        url = self.client.path_of(ref, what, query={"fieldManager": FIELD_MANAGER})
+        return self.client.write("PUT", url, what, manifest)
 
     def patch(
         self,
         ref: ObjectRef,
         body: object,
         *,
-        style: Literal["merge", "json", "strategic"] = "merge",
+        style: Literal["merge", "strategic"] = "merge",
         subresource: str = "",
-        dry_run: bool = False,
     ) -> dict[str, Any]:
         """Patch an object."""
         what = f"patch {ref}"
-        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        query = {"fieldManager": FIELD_MANAGER}
         url = self.client.path_of(ref, what, subresource=subresource, query=query)
-        safe = style != "json"  # its steps may depend on the previous state
-        return self.client.write("PATCH", url, what, body, PATCHES[style], safe=safe)
+        return self.client.write("PATCH", url, what, body, PATCHES[style])
 
     def delete(
         self,
@@ -160,9 +161,7 @@ class Store:
         *,
         uid: str | None = None,
         version: str | None = None,
-        propagation: Literal["Background", "Foreground", "Orphan"] = "Background",
         grace_seconds: int | None = None,
-        dry_run: bool = False,
     ) -> bool:
         """Delete an object and return whether it existed.
 
@@ -174,15 +173,13 @@ class Store:
         options: dict[str, Any] = {
             "kind": "DeleteOptions",
             "apiVersion": "v1",
-            "propagationPolicy": propagation,
+            "propagationPolicy": "Background",
         }
         conditions = {"uid": uid, "resourceVersion": version}
         if set_conditions := {key: value for key, value in conditions.items() if value}:
             options["preconditions"] = set_conditions
         if grace_seconds is not None:
             options["gracePeriodSeconds"] = grace_seconds
-        if dry_run:
-            options["dryRun"] = ["All"]
         for _ in range(DELETES):
             try:
                 return self._delete(ref, options)

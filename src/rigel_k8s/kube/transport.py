@@ -62,7 +62,7 @@ class Transport:
         endures: bool = True,
         doubtful: bool = False,
     ) -> Answer:
-        """Send a request and return the complete answer, whatever its status is.
+        """Send a request and return the complete answer, with any status.
 
         With an `endurance`, it waits for a server that has answered before and is unreachable.
 

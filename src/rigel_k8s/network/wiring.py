@@ -15,6 +15,9 @@ Object = dict[str, Any]
 
 #: On pods: how they are networked, as JSON, so a pod can be examined without its Rigelfile.
 NETWORK_ANNOTATION = "rigel-k8s/network"
+#: On pods: the networks that they request from Multus, and what Multus has attached.
+NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
+NETWORK_STATUS_ANNOTATION = "k8s.v1.cni.cncf.io/network-status"
 
 
 @attrs.frozen

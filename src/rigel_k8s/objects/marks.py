@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rigel_k8s.objects.refs import Manifest
 
+#: The owner of the fields that `rigel` applies.
 FIELD_MANAGER = "rigel"
 #: On every object of a release: the release's name (the deployment_name), as a label value.
 RELEASE_LABEL = "rigel-k8s/release"

@@ -13,8 +13,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 
 import attrs
 
-from rigel_k8s.rosgraph.problems import OWN_TOPICS, find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGraph
+from rigel_k8s.rosgraph.problems import find_problems
+from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphProblem, GraphTopic, RosGraph
 
 #: What rospy (PID and milliseconds), roscpp (nanoseconds) and tf2 (an address) add to a name.
 GENERATED = re.compile(r"(_\d+_\d{10,}|_(?=[a-f]*\d)[0-9a-f]{8,})(?=/|$)")
@@ -34,8 +34,6 @@ OWN_SERVICES = frozenset(
         *("get_loggers", "set_logger_level", "get_logger_levels", "set_logger_levels"),
     }
 )
-#: An action is compared by one of its topics.
-FEEDBACK = "/_action/feedback"
 #: Messages per second below which a rate is too uncertain to compare, and the part that must stay.
 SLOWEST, PART = 1.0, 0.5
 
@@ -108,7 +106,9 @@ def make_side(graph: RosGraph, counted: Collection[str]) -> _Side:
     """Return a graph as it is compared; a node that does not answer does not count."""
     names = {n.name: name_of(n) for n in graph.nodes if n.name in counted and n.up}
     topics: dict[str, GraphTopic] = {}
-    for topic in filter(is_compared, graph.topics):
+    for topic in graph.topics:
+        if not topic.is_public:
+            continue
         name = generalise(topic.name)
         same = topics.get(name, attrs.evolve(topic, publishers=(), subscribers=()))
         topics[name] = attrs.evolve(
@@ -128,13 +128,6 @@ def is_own(node: GraphNode) -> bool:
 def is_tool(name: str) -> bool:
     """Whether a node of this name is not part of a release's purpose."""
     return TOOLS.fullmatch(name) is not None
-
-
-def is_compared(topic: GraphTopic) -> bool:
-    """Whether a topic is compared: not one that each node has, and of hidden ones only actions."""
-    if topic.name in OWN_TOPICS:
-        return False
-    return topic.name.endswith(FEEDBACK) or "/_" not in topic.name
 
 
 def name_of(node: GraphNode) -> str:
@@ -163,8 +156,8 @@ def list_lost_nodes(old: _Side, new: _Side, named: Collection[str]) -> Iterator[
 def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[GraphProblem]:
     """Return the problems that the graph did not have before.
 
-    It is not the update's doing whether a node outside of the release answers; it is if types no
-    longer fit.
+    If a node outside of the release no longer answers, the update is not the cause; if types no
+    longer fit, it is.
     """
     own = {node.name for node in new.graph.nodes if is_own(node)} | set(new.names)
     known = {identify(problem) for problem in find_problems(old.graph)}

@@ -1,4 +1,4 @@
-"""The knowledge of the gate in front of a release's roscore that no master has.
+"""Asks the gate in front of a release's roscore for its state, which the master does not have.
 
 The request is made inside its own container: the gate decides which pods may call it, and the
 command line may be anywhere.

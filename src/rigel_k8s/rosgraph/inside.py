@@ -1,9 +1,8 @@
 """Runs a program with the modules that it needs in a pod, and returns the JSON that it prints.
 
 Why: the modules are sent with the request, so that a graph can be read from a release that an older
-version deployed, without a new ConfigMap and without a restart of its pods. Nothing is written in
-the
-pod: the modules arrive on standard input, as one line, and are imported from memory.
+version deployed, without a new ConfigMap and without a restart of its pods. Nothing is
+written in the pod: the modules arrive on standard input, as one line, and are imported from memory.
 """
 
 from __future__ import annotations

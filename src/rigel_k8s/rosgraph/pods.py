@@ -7,8 +7,8 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.graph.members import STATUS_ANNOTATION, find_container, parse_json, runs
-from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.graph.members import find_container, parse_json, runs
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION, ROS_NAME_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_NAME
@@ -80,7 +80,7 @@ def list_addresses(annotations: Mapping[str, str], status: Mapping[str, Any]) ->
     yield from (str(one["ip"]) for one in status.get("podIPs") or [] if one.get("ip"))
     if status.get("podIP"):
         yield str(status["podIP"])
-    for network in parse_json(annotations.get(STATUS_ANNOTATION), []):
+    for network in parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), []):
         yield from (str(ip) for ip in network.get("ips") or [])
 
 
@@ -136,7 +136,7 @@ def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the names of nodes whose pods are being terminated.
 
     Their addresses are not enough: if another process has taken a node's name, the master has the
-    new address, and the topics of the old process until that unregisters them.
+    new process' address, and the old process' topics until that process unregisters them.
 
     Args:
         items: all pods of the release, as the API server returns them.

@@ -10,8 +10,6 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGra
 OPTIONAL_TOPICS = frozenset(
     {"/clock", "/diagnostics", "/parameter_events", "/rosout", "/statistics", "/tf", "/tf_static"}
 )
-#: Topics that each node has, and the log that a ROS 1 master's node collects.
-OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
 
 
 def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:
@@ -22,7 +20,7 @@ def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:
 
 
 def check_node(node: GraphNode) -> Iterator[GraphProblem]:
-    """Yield what is wrong with a node: only the nearest cause."""
+    """Yield what is wrong with a node: only the most direct cause."""
     if not node.registered:
         message = f"{node.name} is not in the graph: {explain_missing(node)}"
         yield GraphProblem("missing", message, nodes=(node.name,))

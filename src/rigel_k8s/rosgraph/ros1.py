@@ -19,7 +19,7 @@ from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 
-#: What every exporter's name begins with; exporters look at the graph and are no part of it.
+#: Every exporter's name begins with it. Exporters read the graph and are left out of it.
 EXPORTER_NAME = "/ros_exporter"
 #: What the master and nodes report instead of an unknown type.
 NO_TYPE = ("", "*")

@@ -6,7 +6,14 @@ these classes, which are independent of where a graph comes from.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import attrs
+
+#: Topics that each node has, and the log that a ROS 1 master's node collects.
+OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
+#: The end of an action's name for one of its hidden topics, which stands for the action.
+FEEDBACK = "/_action/feedback"
 
 
 @attrs.frozen
@@ -59,6 +66,13 @@ class GraphTopic:
     mismatches: tuple[Mismatch, ...] = ()
     rate: float | None = attrs.field(default=None, eq=False)
 
+    @property
+    def is_public(self) -> bool:
+        """Not one that each node has; of hidden topics only the one that stands for an action."""
+        if self.name in OWN_TOPICS:
+            return False
+        return self.name.endswith(FEEDBACK) or "/_" not in self.name
+
 
 @attrs.frozen
 class GraphService:
@@ -85,6 +99,14 @@ class RosGraph:
     topics: tuple[GraphTopic, ...] = ()
     services: tuple[GraphService, ...] = ()
     leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
+
+    def with_rates(self, rates: Mapping[str, float]) -> RosGraph:
+        """Return the graph with these rates, by topic, where it has none."""
+        topics = (
+            topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
+            for topic in self.topics
+        )
+        return attrs.evolve(self, topics=tuple(topics))
 
 
 @attrs.frozen

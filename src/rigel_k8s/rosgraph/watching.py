@@ -3,11 +3,11 @@
 Why: a deploy is over when its pods are ready, and yet a topic may have lost its publisher. The
 graph is read only when an update replaces pods, before its first write and after its roll-out.
 Nodes need a moment to register and to be discovered again, so a worse graph is read again until it
-is better or the patience is over. A roll-out is over when the new pods are ready, and the old ones
-may still be
-ending: until they have left the graph, it shows their publishers, so it is read again as well. This
-module is independent of application options; its caller decides what to do about a worse graph. The
-readers of a graph are imported when one is read: a deploy that changes nothing reads none.
+is better or the patience is over. When a roll-out is over, the new pods are ready, but the old ones
+may still be ending. Until their nodes have left the graph, it has their publishers, so it is read
+again in that case as well. This module is independent of application options; its caller decides
+what to do about a worse graph. The readers of a graph are imported when one is read: a deploy that
+changes nothing reads none.
 """
 
 from __future__ import annotations
@@ -184,12 +184,7 @@ def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
     with ThreadPoolExecutor(max_workers=1) as beside:
         heard = beside.submit(read_rates, cluster, release)
         graph = read_graph(cluster, release)
-        rates = heard.result()
-    topics = [
-        topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
-        for topic in graph.topics
-    ]
-    return attrs.evolve(graph, topics=tuple(topics))
+        return graph.with_rates(heard.result())
 
 
 def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:

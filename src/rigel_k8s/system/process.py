@@ -51,7 +51,7 @@ def finish(
     into: Path | None = None,
     timeout: float | None = None,
 ) -> Finished:
-    """Run a program to its end, whatever its exit code is.
+    """Run a program to its end; no exit code is an error.
 
     Args:
         words: the program and its arguments.

@@ -115,7 +115,7 @@ def read_trusted() -> dict[str, int]:
 
 
 def _change(place: str, owner: int | None) -> bool:
-    """Write a directory's owner, or remove the directory; return whether that is a change."""
+    """Write a directory's owner, or remove the directory; return whether the file has changed."""
     file = state_file()
     try:
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -49,7 +49,7 @@ def make_boxes(
 
 
 def box_entry(box: Box, workload: str, node: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the entry of a node of the graph; where it runs is what its pod says now."""
+    """Return the entry of a node of the graph; its machine is that of its present pod."""
     return {
         "name": box.name,
         "workload": workload,
@@ -77,7 +77,7 @@ def make_topics(graph: RosGraph, picture: Picture) -> Entries:
 
 
 def keep_lost(old: Entries, new: Entries, away: Collection[str]) -> Entries:
-    """Return topics with what nodes had that are away: those ends are in `lost`, too.
+    """Return topics with the ends that missing nodes had; those are in `lost`, too.
 
     Args:
         old: the topics before.

@@ -1,4 +1,4 @@
-"""Rollbacks that a page asks for: one at a time, reported to all pages."""
+"""Rollbacks that a page requests: one at a time, reported to all pages."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Changes:
         self._thread: threading.Thread | None = None
 
     def start(self, number: int) -> bool:
-        """Begin to roll back to a revision; return False where another rollback goes on."""
+        """Begin to roll back to a revision; return False if another rollback is running."""
         with self._lock:
             if self._thread is not None and self._thread.is_alive():
                 return False
@@ -52,11 +52,11 @@ class Changes:
 
     @property
     def running(self) -> bool:
-        """Whether a rollback goes on."""
+        """Whether a rollback is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def close(self) -> None:
-        """Interrupt a rollback, and wait until it has ended in good order."""
+        """Interrupt a rollback, and wait until it has ended."""
         self._cancel.set()
         if self._thread is not None:
             self._thread.join()

@@ -1,8 +1,8 @@
-"""Keeps a feed up to date with a release: one set of watches, whatever number of pages is open.
+"""Keeps a feed up to date with a release: one set of watches for all open pages.
 
 A *session* is the life of these watches. It ends when the cluster does not answer, since a watch
 over a lost connection may be silent for minutes; the next one begins when the cluster answers.
-Pages keep what they show meanwhile, and say how old it is.
+Meanwhile pages keep what they show, with its age.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from rigel_k8s.ui.nodes import READY, STOPPED, node_entry, release_entry
 SECRET: Kind = ("v1", "Secret")
 LEASE: Kind = ("coordination.k8s.io/v1", "Lease")
 SESSION = 3600.0  # seconds that watches live before they begin again
-HEARTBEAT = 3.0  # seconds between two questions whether the cluster answers
-LATE = 10.0  # seconds without an answer after which it counts as away
-PAUSE = 2.0  # seconds before a session begins again that the cluster has refused
+HEARTBEAT = 3.0  # seconds between two requests that test whether the cluster answers
+LATE = 10.0  # seconds without an answer after which it counts as unreachable
+PAUSE = 2.0  # seconds before the next session, if the cluster has refused one
 CALM = 0.1  # seconds in which changes are collected before pages get them
 GRAPH_CALM = 1.5  # seconds after a change of pods before the ROS graph is read
 GRAPH_AGE = 30.0  # seconds after which it is read again while a page is open
@@ -46,7 +46,8 @@ class Live:
     """Reads a release until `close`, and publishes what pages show of it.
 
     Args:
-        report: takes a line for the terminal when the cluster goes away and comes back.
+        report: takes a line for the terminal when the cluster becomes unreachable, and when it
+            answers again.
         read: reads the ROS graph.
     """
 
@@ -81,7 +82,7 @@ class Live:
             thread.start()
 
     def close(self) -> None:
-        """End all threads; a request that is on its way is not waited for."""
+        """End all threads, without waiting for the answers to their requests."""
         self.over.set()
         self._lost.set()
         self._graph.wake()
@@ -89,7 +90,7 @@ class Live:
     # Whether the cluster answers.
 
     def _listen(self) -> None:
-        """Ask the cluster whether it is there, again and again."""
+        """Start to ask the cluster, and note its loss if it does not answer for LATE seconds."""
         threading.Thread(target=self._ask, name="rigel-ui-ask", daemon=True).start()
         while not self.over.is_set():
             if self._answered and time.monotonic() - self._answered > LATE:
@@ -102,7 +103,7 @@ class Live:
             try:
                 self.found.cluster.server_version()
             except Refusal as error:
-                # Who may not ask for the version has an answer, too.
+                # A refusal is an answer as well: the user has no right to read the version.
                 if error.status == 0 or error.status >= 500:
                     self._lose(error.message)
                 else:
@@ -239,26 +240,27 @@ class Live:
             for kind in KINDS
             for item in view.objects[kind].values()
         }
-        made: dict[str, Any] = {}
-        for workload in found.workloads:
-            item = live[workload.kind, workload.name]
-            newest = around.list_newest_pods(item)
-            ref = ref_of(item)
-            self._note_crashes(ref, newest, now)
-            old = self._nodes.get(workload.name, {})
-            made[workload.name] = node_entry(
+        items = [live[workload.kind, workload.name] for workload in found.workloads]
+        newest = [around.list_newest_pods(item) for item in items]
+        for item, pods in zip(items, newest, strict=True):
+            self._note_crashes(ref_of(item), pods, now)
+        unsteady = self._crashes.find_unsteady(now)
+        return {
+            workload.name: node_entry(
                 workload,
-                newest,
-                crashed=ref in self._crashes.find_unsteady(now),
-                machine=str(old.get("machine", "")),
+                pods,
+                crashed=ref_of(item) in unsteady,
+                machine=str(self._nodes.get(workload.name, {}).get("machine", "")),
                 rolling=rolling,
             )
-        return made
+            for workload, item, pods in zip(found.workloads, items, newest, strict=True)
+        }
 
     def _note_crashes(self, ref: ObjectRef, pods: list[Manifest], now: float) -> None:
-        """Note how often a workload's pods have crashed, as far as they are to stay.
+        """Note how often a workload's pods have crashed, except those that are being terminated.
 
-        What was before we looked is no news, and other pods have a count of their own.
+        The first count of a workload only serves for comparison. A count that has become smaller
+        is that of other pods.
         """
         staying = [pod for pod in pods if not is_ending(pod)]
         count = sum(map(count_crashes, staying))
@@ -269,7 +271,7 @@ class Live:
         self._crashes.counts[ref] = count
 
     def _find_holder(self, view: ReleaseView, now: float) -> str | None:
-        """Return who changes the release, "" for no one; None where that may not be seen."""
+        """Return who changes the release, "" for no one; None if the Lease cannot be read."""
         if LEASE in view.refused:
             return None
         lease = view.find(lease_ref(self.found.id))
@@ -313,7 +315,7 @@ class GraphReader:
         self.found: LiveGraph | None = None
 
     def see(self, pods: Any) -> None:
-        """Take in the pods: where others are ready than before, the graph has changed."""
+        """Take in the pods: if others are ready than before, the graph has changed."""
         ready = frozenset((pod["metadata"]["uid"], stays_ready(pod)) for pod in pods)
         if ready != self._pods:
             self._pods = ready

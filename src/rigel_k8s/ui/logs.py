@@ -16,8 +16,8 @@ from rigel_k8s.ui.feed import Page
 
 KEPT = 500  # lines of a node that a page gets at its beginning
 BATCH = 0.15  # seconds in which lines are collected before pages get them
-MOST = 300  # lines that pages get at once: what a node says beyond that is left out, and counted
-PAUSE = 2.0  # seconds before a log is followed again that could not be
+MOST = 300  # lines that pages get at once; further ones are counted and left out
+PAUSE = 2.0  # seconds before the next attempt, if a log cannot be followed
 
 Line = tuple[str, str, str, str, bool]  # time, level, pod, text, whether it is a note of ours
 Read = Callable[[str, threading.Event], Iterator[LogLine]]

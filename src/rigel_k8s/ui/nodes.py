@@ -17,7 +17,7 @@ from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.rollout.causes import containers, explain_exit
 from rigel_k8s.release.status import AWAY, PodStatus, ReleaseStatus, WorkloadStatus
 
-#: The states, those that need a look first.
+#: The states, the worst first.
 CRASHED, BLOCKED, UNREACHABLE = "crashed", "blocked", "unreachable"
 UNREADY, STARTING, STOPPED, READY = "unready", "starting", "stopped", "ready"
 STATES = (CRASHED, BLOCKED, UNREACHABLE, UNREADY, STARTING, STOPPED, READY)
@@ -39,7 +39,7 @@ def node_entry(
         pods: the workload's pods as the cluster has them.
         crashed: a container has ended a few seconds ago, even if it runs again.
         machine: where it was last, for the moment in which no pod has a machine.
-        rolling: a roll-out goes on, so that pods that were never ready are expected.
+        rolling: a roll-out is in progress, so pods that were never ready are expected.
     """
     state = find_state(workload, pods, crashed=crashed, rolling=rolling)
     causes = find_causes(workload, pods, state)
@@ -102,9 +102,9 @@ def find_state(
 
 
 def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -> list[str]:
-    """Return why a node is in its state, in the words of `rigel status`; [] where all is well.
+    """Return why a node is in its state, in the words of `rigel status`; [] if all is well.
 
-    The first says how many pods are ready, where not all are.
+    If not all pods are ready, the first text has their number.
     """
     if state in (READY, STOPPED):
         return []

@@ -1,13 +1,13 @@
-"""The web application: what a browser may ask, and who may ask it.
+"""The web application: which requests it answers, and which browser may send them.
 
-It serves one user of this machine, who has the token. Four things guard it, each of which is
-enough against a page of another site in the same browser, and the first against other users of the
-machine, too:
+It serves one user of this machine, who has the token. It checks four things. Each of them is
+enough against a page of another site in the same browser; the first one also keeps out other users
+of the machine:
 
 - the token, the first part of every path, compared in constant time;
-- the name in `Host`, which must be one of the loopback's (a rebound DNS name is not);
-- the `Origin` of whatever is not a plain GET, which must be the page's own;
-- the Content-Security-Policy, by which the page loads and runs nothing but its own files.
+- the name in `Host`, which must be one of the loopback's (so DNS rebinding does not work);
+- the `Origin` of every request except a plain GET, which must be the page's own;
+- the Content-Security-Policy, which lets the page load and run only its own files.
 
 Without `changes` there is no path that writes.
 """
@@ -64,7 +64,7 @@ DENIED = "Open the address that `rigel ui` has printed: it contains a token.\n"
 
 
 class Tickets:
-    """Addresses that lead to the page once: the browser's command line is no place for a token."""
+    """Addresses that lead to the page once, since other users can read a browser's command line."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -78,7 +78,7 @@ class Tickets:
         return made
 
     def take(self, ticket: str) -> bool:
-        """Return whether a ticket is valid; it is not a second time."""
+        """Return whether a ticket is valid; each is valid only once."""
         with self._lock:
             match = [known for known in self._known if same(known, ticket)]
             return any(self._known.pop(known) > time.monotonic() for known in match)
@@ -139,10 +139,10 @@ def same(one: str, other: str) -> bool:
 
 
 def find_name(host: str) -> str:
-    """Return the name in a `Host`, "" where it has none: a tunnel may have another port."""
+    """Return the name in a `Host`, "" if it is invalid; the port may be that of a tunnel."""
     try:
         parts = urlsplit(f"//{host}")
-        _ = parts.port  # raises where it is no number
+        _ = parts.port  # raises ValueError if it is not a number
     except ValueError:
         return ""
     if parts.username is not None or parts.path or parts.query or parts.fragment:
@@ -185,14 +185,14 @@ def make_rollback(changes: Changes) -> Any:
         if number is None:
             return JSONResponse({"message": 'the body must be {"revision": NUMBER}'}, 400)
         if not changes.start(number):
-            return JSONResponse({"message": "a rollback is going on already"}, 409)
+            return JSONResponse({"message": "another rollback is still running"}, 409)
         return JSONResponse({}, 202)
 
     return roll_back
 
 
 async def read_number(request: Request) -> int | None:
-    """Return the revision that a request names, None where it does not."""
+    """Return the revision that a request names, None if its body is invalid."""
     if request.headers.get("content-type") != "application/json":
         return None
     body = b""
@@ -210,7 +210,7 @@ async def read_number(request: Request) -> int | None:
 
 
 async def serve_page(socket: WebSocket, feed: Feed, logs: LogHub) -> None:
-    """Send a page what changes until it is closed; it says whose log it shows."""
+    """Send a page what changes until it is closed; the page sends which node's log it shows."""
     await socket.accept()
     page = Page(asyncio.get_running_loop(), feed.write_all)
     feed.subscribe(page)
@@ -239,21 +239,21 @@ async def write(socket: WebSocket, page: Page) -> None:
 
 
 def follow(text: str, page: Page, logs: LogHub) -> None:
-    """Do what a page says: `{"follow": NODE}`, null for none.
+    """Follow the log that a page requests by `{"follow": NODE}`; null for none.
 
     Raises:
-        ValueError: it says anything else.
+        ValueError: the message is not of that form.
     """
     said = json.loads(text) if len(text) <= LONGEST else None
     if not isinstance(said, dict) or said.keys() != {"follow"}:
-        raise ValueError("a page says whose log it shows, and nothing else")
+        raise ValueError('the message must be {"follow": NODE}')
     logs.leave(page)
     if isinstance(said["follow"], str) and said["follow"]:
         logs.follow(said["follow"], page)
 
 
 def read_files() -> Mapping[str, bytes]:
-    """Return the page's files by name: what is not among them cannot be asked for."""
+    """Return the page's files by name; the server has no others."""
     return {
         path.relative_to(FILES).as_posix(): path.read_bytes()
         for path in FILES.rglob("*")

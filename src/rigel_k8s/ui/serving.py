@@ -165,7 +165,7 @@ def has_display() -> bool:
 
 
 def open_browser(address: str, report: Callable[[str], None]) -> None:
-    """Open the user's browser, beside what we do."""
+    """Open the user's browser in the background."""
 
     def call() -> None:
         started = time.monotonic()

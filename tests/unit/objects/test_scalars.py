@@ -30,7 +30,12 @@ GOOD = {
         "ghcr.io/A/b".lower(),
     ],
     "ObjectName": ["a", "a-b1", "1a", "a" * 63],
-    "DottedName": ["a", "robot-1.lan", "ip-10-0-1-5.eu-west-1.compute.internal", "kube-root-ca.crt"],
+    "DottedName": [
+        "a",
+        "robot-1.lan",
+        "ip-10-0-1-5.eu-west-1.compute.internal",
+        "kube-root-ca.crt",
+    ],
     "PortName": ["http", "a1", "1a"],
     "LabelKey": ["a", "example.com/Robot_1.x", "nvidia.com/gpu"],
     "LabelValue": ["", "a", "A_b.c-1"],

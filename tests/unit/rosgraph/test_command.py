@@ -103,7 +103,7 @@ def test_rates_come_from_prometheus_where_it_knows_them(monkeypatch: pytest.Monk
     monkeypatch.setattr(actions, "prometheus_of", lambda found: Prometheus())
     rates = actions.measured_rates(Release(cluster, RELEASE))
     assert rates == {"/odom": 50.0}
-    known = {topic.name: topic.rate for topic in actions.add_rates(ROBOT, rates).topics}
+    known = {topic.name: topic.rate for topic in ROBOT.with_rates(rates).topics}
     assert (known["/odom"], known["/cmd_vel"], known["/goal"]) == (50.0, 20.0, None)
 
 

@@ -182,10 +182,8 @@ def test_a_rollout_is_seen_while_it_happens(scene: Scene) -> None:
     scene.play(running)
     thread.join(SECONDS)
     scene.until_state("talker", "ready")
-    scene.until(
-        lambda: (r := scene.feed.get("release"))["status"] == "good" and r["changing"] == "",
-        "the end of the roll-out",
-    )
+    scene.until(lambda: scene.feed.get("release")["status"] == "good", "the end of the roll-out")
+    scene.until(lambda: scene.feed.get("release")["changing"] == "", "the end of the Lease")
     assert scene.feed.get("revision/2")["changes"] == ["talker: image app:1 to app:2"]
 
 

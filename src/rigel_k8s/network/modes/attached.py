@@ -22,11 +22,15 @@ from rigel_k8s.network.files import (
 )
 from rigel_k8s.network.mode import Mode, ModeUse, mode_path
 from rigel_k8s.network.options import INTERFACE, Network
-from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.network.wiring import (
+    NETWORKS_ANNOTATION,
+    NetworkPlan,
+    PodIdentity,
+    Wiring,
+    network_note,
+)
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, drop_empty
 from rigel_k8s.problems import Problem
-
-NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
 
 #: Every plugin in use supports it; newer versions add nothing that an attachment needs.
 CNI_VERSION = "0.3.1"
@@ -79,7 +83,7 @@ def plugin(name: str, network: Network) -> dict[str, Any]:
 
 
 def ipam(network: Network) -> dict[str, Any]:
-    """Return who gives out addresses, and which."""
+    """Return the program that gives out addresses, and which addresses it has."""
     routes = {"routes": [drop_empty({"dst": to, "gw": network.gateway}) for to in network.routes]}
     kind = network.ipam or "whereabouts"
     if kind == "whereabouts":

@@ -25,7 +25,7 @@ Object = dict[str, Any]
 
 @attrs.frozen
 class Installation:
-    """What is to be installed on which machines.
+    """What `rigel` installs on which machines.
 
     Attributes:
         groups: the cluster's machines by platform; machines that join later belong to the first.

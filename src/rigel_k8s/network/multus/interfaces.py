@@ -12,11 +12,9 @@ from typing import Any
 
 import attrs
 
-Pod = Mapping[str, Any]
+from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION, NETWORKS_ANNOTATION
 
-#: On a pod: the networks that it requests, and what Multus gave it.
-ASKED = "k8s.v1.cni.cncf.io/networks"
-GOT = "k8s.v1.cni.cncf.io/network-status"
+Pod = Mapping[str, Any]
 
 
 @attrs.frozen
@@ -40,7 +38,7 @@ def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
 
 def list_asked(pod: Pod) -> list[str]:
     """Return the networks that a pod requests, NAMESPACE/NAME, one for each interface."""
-    text = _annotations(pod).get(ASKED, "").strip()
+    text = _annotations(pod).get(NETWORKS_ANNOTATION, "").strip()
     own = pod["metadata"].get("namespace", "default")
     if text.startswith("["):
         entries = [entry for entry in _list(text) if isinstance(entry, dict)]
@@ -51,7 +49,8 @@ def list_asked(pod: Pod) -> list[str]:
 
 def list_attached(pod: Pod) -> list[str]:
     """Return the networks that a pod got beside its cluster's own, NAMESPACE/NAME."""
-    entries = [entry for entry in _list(_annotations(pod).get(GOT, "")) if isinstance(entry, dict)]
+    status = _list(_annotations(pod).get(NETWORK_STATUS_ANNOTATION, ""))
+    entries = [entry for entry in status if isinstance(entry, dict)]
     return [str(entry.get("name", "")) for entry in entries if not entry.get("default")]
 
 

@@ -13,8 +13,8 @@ import json
 from typing import Any
 
 from rigel_k8s.network.multus import RELEASE
-from rigel_k8s.network.multus.interfaces import ASKED
 from rigel_k8s.network.multus.machines import EVERYWHERE
+from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
 
 Object = dict[str, Any]
 
@@ -75,7 +75,7 @@ def proof_pod(run: str, node: str, image: str) -> Object:
             "name": f"{PROOF}-{run}-{digest}",
             "namespace": RELEASE.namespace,
             "labels": {RUN_LABEL: run},
-            "annotations": {ASKED: f"{PROOF}-{run}"},
+            "annotations": {NETWORKS_ANNOTATION: f"{PROOF}-{run}"},
         },
         "spec": {
             "nodeName": node,

@@ -13,7 +13,8 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import Attachment, Range, address, find_usable, subnet
 from rigel_k8s.network.preflight.daemon import Daemon
 from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
-from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
+from rigel_k8s.network.preflight.wanted import Wanted, may_run, requests
+from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ready
 
 Manifest = Mapping[str, Any]
@@ -206,7 +207,7 @@ def find_taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
 
 def _find_attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
     """Yield (attachment, address) from Multus' annotation, or else from the pod's own."""
-    if NETWORK_STATUS not in notes:
+    if NETWORK_STATUS_ANNOTATION not in notes:
         for request in requests(notes, namespace):
             for given in request.addresses:
                 yield request.key, given
@@ -222,7 +223,7 @@ def _find_attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[s
 def _status(notes: Mapping[str, str]) -> list[Manifest]:
     """Return a pod's second networks, without its first."""
     try:
-        read = json.loads(notes.get(NETWORK_STATUS) or "[]")
+        read = json.loads(notes.get(NETWORK_STATUS_ANNOTATION) or "[]")
     except ValueError:
         return []
     return [one for one in read if isinstance(one, dict) and not one.get("default")]

@@ -10,12 +10,9 @@ import attrs
 
 from rigel_k8s.network.preflight.attachments import address
 from rigel_k8s.network.preflight.machine import Address
+from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
 
 Manifest = Mapping[str, Any]
-
-#: On pods: the networks that they request from Multus, and what Multus has attached.
-NETWORKS = "k8s.v1.cni.cncf.io/networks"
-NETWORK_STATUS = "k8s.v1.cni.cncf.io/network-status"
 
 #: ROS images are Linux'.
 SYSTEM = "kubernetes.io/os"
@@ -76,7 +73,7 @@ def find_wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
 
 def requests(annotations: Mapping[str, str], namespace: str) -> Iterator[Request]:
     """Yield the requests in a pod's annotation, in either of its forms."""
-    text = (annotations.get(NETWORKS) or "").strip()
+    text = (annotations.get(NETWORKS_ANNOTATION) or "").strip()
     if not text.startswith("["):
         for word in filter(None, (part.strip() for part in text.split(","))):
             yield Request(_key(word.partition("@")[0], namespace))

@@ -11,13 +11,10 @@ from collections.abc import Iterable, Mapping
 
 import attrs
 
-from rigel_k8s.rosgraph.problems import OWN_TOPICS
-from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGraph
+from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphProblem, GraphTopic, RosGraph
 
 #: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
-#: The one of an action's topics that stands for it, and its name then.
-FEEDBACK = "/_action/feedback"
 ELSEWHERE, NOWHERE = "outside the release", "on no machine"
 
 
@@ -103,7 +100,7 @@ def make_picture(
     found = tuple(problems)
     bad_nodes = {name for p in found if p.kind != "no-publisher" for name in p.nodes}
     bad_topics = {p.topic: p for p in found if p.topic}
-    topics = [topic for topic in graph.topics if everything or is_shown(topic)]
+    topics = [topic for topic in graph.topics if everything or topic.is_public]
     busy = {name for topic in topics for name in (*topic.publishers, *topic.subscribers)}
     known = {node.name: node for node in graph.nodes}
     # An endpoint of a node that has just left is reported a moment longer than the node.
@@ -132,13 +129,6 @@ def make_picture(
         sorted({box.group for box in boxes}, key=lambda g: (g in (ELSEWHERE, NOWHERE), g))
     )
     return Picture(title, groups, boxes, pills, arrows, tuple(p.message for p in found))
-
-
-def is_shown(topic: GraphTopic) -> bool:
-    """Whether a topic is shown by default: of hidden ones, only what stands for an action."""
-    if topic.name in OWN_TOPICS:
-        return False
-    return topic.name.endswith(FEEDBACK) or "/_" not in topic.name
 
 
 def group_of(node: GraphNode) -> str:

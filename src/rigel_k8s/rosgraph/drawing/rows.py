@@ -49,7 +49,7 @@ def make_places(
     for u, v in edges:
         crossed = range(columns[u] + 1, columns[v])
         passages = range(len(places), len(places) + len(crossed))
-        # It leaves its lane in front of its end, where other edges come together as well.
+        # It changes the lane just before its end, where other edges come together as well.
         places += [
             Place(column, shapes[u].group, 0.0, PASSAGE, passages=passages) for column in crossed
         ]

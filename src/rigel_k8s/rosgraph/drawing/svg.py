@@ -200,7 +200,7 @@ def write_arrow(arrow: Arrow, points: Sequence[Point]) -> str:
 def curve(points: Sequence[Point]) -> str:
     """Return a path through the points: straight where they are level, else an S.
 
-    A point twice would take the direction from the arrow's tip.
+    If a point occurred twice, the arrow's tip would have no direction.
     """
     x, y = points[0]
     steps = [f"M{x:.1f} {y:.1f}"]

@@ -1,4 +1,4 @@
-// The page: its connection to the server, and the parts that show what comes over it.
+// The page: its connection to the server, and the parts that show what it receives.
 
 import { byId, setText } from "./dom.js";
 import { showDetails } from "./details.js";
@@ -34,7 +34,7 @@ function connect() {
   });
 }
 
-/** Ask for the log of the chosen node. */
+/** Request the log of the chosen node. */
 function follow() {
   if (socket?.readyState === WebSocket.OPEN) {
     socket.send(JSON.stringify({ follow: selected() || null }));

@@ -1,4 +1,4 @@
-// Makes elements. Texts of the cluster only ever become text, never markup.
+// Makes elements. Texts from the cluster are always shown as text, never as markup.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -26,7 +26,7 @@ function fill(element, attributes, children) {
   return element;
 }
 
-/** Give an element these children, unless it has the same already: focus and scroll stay. */
+/** Give an element these children, unless it has them already: so focus and scrolling stay. */
 export function update(element, children, key = "") {
   const text = JSON.stringify(key);
   if (key !== "" && element.dataset.shown === text) return false;
@@ -35,12 +35,12 @@ export function update(element, children, key = "") {
   return true;
 }
 
-/** Give an element a text, unless it has it. */
+/** Give an element a text, unless it has it already. */
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** Return a time of Kubernetes' as the reader's clock shows it. */
+/** Return a time from Kubernetes in the reader's time zone, with the date if it is not today. */
 export function showTime(text) {
   const time = new Date(text);
   if (Number.isNaN(time.getTime())) return text;

@@ -10,7 +10,7 @@ import { get, group } from "./store.js";
 
 const MARGIN = 12;
 const area = byId("graph");
-let zoom = 0; // 0: as wide as there is room, but never too small to read
+let zoom = 0; // 0: as wide as the page, but never too small to read
 let drawn = null; // {key, svg, boxes: name -> element, edges, width, height}
 let current = ""; // the box that Tab leads to
 
@@ -151,7 +151,7 @@ function colorTopic(topic) {
   }
 }
 
-/** Mark what is chosen, what Tab leads to, and what is looked for. */
+/** Mark what is chosen, what Tab leads to, and what the reader searches for. */
 function mark() {
   if (!drawn) return;
   for (const [name, card] of drawn.boxes) {
@@ -163,7 +163,7 @@ function mark() {
   drawn.svg.classList.toggle("finding", finding());
 }
 
-/** Show the connections of a node or topic before all others. */
+/** Emphasize the connections of a node or topic. */
 function point(what) {
   if (!drawn) return;
   drawn.svg.classList.toggle("pointing", Boolean(what));

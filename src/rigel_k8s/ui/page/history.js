@@ -1,4 +1,4 @@
-// The revisions of the release, the newest first; a rollback, where the server allows it.
+// The revisions of the release, the newest first; a rollback, if the server allows it.
 
 import { byId, make, setText, showTime, update } from "./dom.js";
 import { get, group } from "./store.js";

@@ -1,5 +1,5 @@
-// Where boxes, topics and machines are: by dagre, from names and connections alone. A state that
-// changes moves nothing.
+// Places boxes, topics and machines by dagre, from their names and connections only: when a state
+// changes, nothing moves.
 
 import { Graph, layout } from "./lib/dagre.js";
 
@@ -26,7 +26,7 @@ export function fit(text, font, room) {
   return "…";
 }
 
-/** Return the first words of a text, as many as there is room for, and no half a parenthesis. */
+/** Return the first words of a text, as many as fit; a parenthesis is whole or left out. */
 export function begin(text, font, room) {
   if (widthOf(text, font) <= room) return text;
   const words = text.split(" ");
@@ -45,8 +45,8 @@ export const clamp = (value, least, most) => Math.min(Math.max(value, least), mo
  * Return places: of machines {name, x, y, width, height}, of boxes and topics {x, y, width,
  * height} by their centers, and the points of edges.
  *
- * Each machine is laid out by itself, and the machines are put in rows as wide as there is room:
- * a hundred nodes stay as large as ten.
+ * Each machine is laid out separately, and the machines are put in rows as wide as the page: a
+ * hundred nodes stay as large as ten.
  */
 export function place(boxes, topics, room) {
   const home = new Map(boxes.map((box) => [box.name, box.machine]));
@@ -68,7 +68,7 @@ export function place(boxes, topics, room) {
   let direction = "LR";
   let parts = placeAll(direction);
   if (parts.some((part) => part.width > room)) {
-    direction = "TB"; // a page has more room below than beside
+    direction = "TB"; // a page can grow in height, but not in width
     parts = placeAll(direction);
   }
   return { ...putInRows(parts, room), direction };
@@ -117,12 +117,12 @@ export function sizeOfBox(box) {
 }
 
 export function sizeOfPill(topic) {
-  // With room for any rate: one that changes must not move anything.
+  // With room for any rate, so that nothing moves when a rate changes.
   const words = `${topic.name} 9999/s`;
   return { width: clamp(widthOf(words, FONTS.pill) + 18, PILL.least, PILL.most), height: PILL.height };
 }
 
-/** Put machines side by side, and below each other where there is no more room. */
+/** Put machines side by side, in a new row if there is no more room. */
 function putInRows(parts, room) {
   const machines = [];
   const places = new Map();

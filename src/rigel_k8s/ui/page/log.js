@@ -1,4 +1,4 @@
-// The log of the chosen node, as it comes.
+// The log of the chosen node, as it arrives.
 
 import { byId, make, setText, showTime } from "./dom.js";
 import { selected } from "./selection.js";
@@ -19,7 +19,7 @@ export function showLog() {
   setText(byId("log-note"), name ? "" : "Choose a node to follow its log.");
 }
 
-/** Take lines of the server. */
+/** Take lines from the server. */
 export function takeLines({ node, begins, lines }) {
   if (node !== selected()) return;
   if (begins) showLog();
@@ -65,7 +65,7 @@ byId("pause").addEventListener("click", (event) => {
     showHeld();
   }
 });
-// A page that no one sees draws no lines.
+// A hidden page draws no lines.
 document.addEventListener("visibilitychange", () => {
   if (!document.hidden && !paused) showHeld();
 });

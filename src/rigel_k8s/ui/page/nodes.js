@@ -1,4 +1,4 @@
-// The list of nodes, those that need a look first.
+// The list of nodes, those with the worst states first.
 
 import { byId, make, update } from "./dom.js";
 import { matches, onFind } from "./find.js";

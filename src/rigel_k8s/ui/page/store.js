@@ -1,4 +1,4 @@
-// What the server has sent: entries by key, and who wants to hear of changes.
+// What the server has sent: entries by key, and the functions to call when they change.
 
 const entries = new Map();
 const readers = [];
@@ -43,7 +43,7 @@ function notify(changed) {
     return;
   }
   pending = changed;
-  // A page in the background is drawn as well: its title says what has crashed.
+  // A page in the background is drawn as well: its title shows what has crashed.
   setTimeout(() => {
     const keys = pending;
     pending = null;

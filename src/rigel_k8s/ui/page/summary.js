@@ -73,7 +73,7 @@ function showChange(change) {
   byId("change-lines").hidden = change.lines.length === 0;
 }
 
-/** Read out which nodes are in another state than before. */
+/** Let screen readers announce which nodes have changed their state. */
 function announce() {
   const now = new Map(group("node").map((node) => [node.name, node]));
   const news = [];

@@ -288,6 +288,8 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
     The master ends the talker: a rospy node that gets SIGINT within `publish` waits for itself for
     ever (a signal handler wants the lock that the main thread holds).
     """
+    last = ("logs", "--tail", "1", "talker")
+    until(lambda: "said hello" in robot(*last).stdout, "a line after the beginning")
     running = start("logs", "-f", "--tail", "1", "talker")
     until(lambda: running.found("said hello"), "hello")
     assert not running.found("talker begins"), "--tail left the beginning out"

@@ -31,6 +31,7 @@ import rospy
 from std_msgs.msg import String
 rospy.init_node("late")
 early = rospy.Publisher("early", String, queue_size=1)
+print("early is registered")
 kept = []
 signal.signal(signal.SIGUSR1, lambda *_: kept.append(rospy.Publisher("late", String, queue_size=1)))
 while not rospy.is_shutdown():
@@ -138,6 +139,7 @@ def test_registered_by_halves(pods, eventually):
     """A node that told a new master one topic but not its others is an orphan still."""
     master = pods.rosmaster()
     pod = pods.node("talker", "/late.py", files={"/late.py": LATE})
+    eventually(lambda: "early is registered" in pod.log(), "the first topic is registered")
     master.kill()
     pods.answering(pods.start("ros-master-2", "roscore", address=master.address))
     pod.signal("late.py", signal.SIGUSR1)

@@ -52,6 +52,8 @@ def test_an_image_name_that_is_none_is_told_at_once(cluster: Any, make: Any, rep
 def test_a_crash_is_told_with_the_last_log_lines(cluster: Any, make: Any, report: Any) -> None:
     """Exit code and the container's own words, though it looks ready between two crashes."""
     node = make.deployment(command="echo the motor is off; exit 3")
+    # On a machine with a load of 20 it may run for longer than the usual two seconds.
+    node["spec"]["minReadySeconds"] = 10
     told = failure(cluster, make, report, node, patience=UNTIL_RESTARTED)
     assert "container node exited with code 3, restarted" in told
     assert "    the motor is off" in told

@@ -7,12 +7,13 @@ from typing import Any
 
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.placing import remote_selector, tolerations
+from rigel_k8s.app.placing import remote_selector
 from rigel_k8s.app.storage import mount_path, volume_source
 from rigel_k8s.app.updating import Way, choose_way, find_application_obstacle
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
+from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import (
     ReleaseContext,
     deployment,

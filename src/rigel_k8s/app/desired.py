@@ -18,7 +18,7 @@ from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
-from rigel_k8s.app.placing import remote_selector, tolerations
+from rigel_k8s.app.placing import remote_selector
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.app.security.restricted import restrict
 from rigel_k8s.app.storage import storage
@@ -37,6 +37,7 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.steady import steady
+from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 from rigel_k8s.observability.exporter import WatchedGraph, exporter_identity, exporter_objects
 from rigel_k8s.observability.names import EXPORTER

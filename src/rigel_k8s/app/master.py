@@ -14,7 +14,6 @@ import attrs
 
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.gate import behind_gate
-from rigel_k8s.app.placing import stays
 from rigel_k8s.network.wiring import Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge
@@ -30,6 +29,7 @@ from rigel_k8s.objects.pods import (
     probes,
     stop_hook,
 )
+from rigel_k8s.objects.tolerations import stays
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 
 MASTER_CONTAINER = "ros-master-container"

@@ -16,7 +16,7 @@ from rigel_k8s.app.lifecycle.running import list_variables, make_transitions
 from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.placing import affinity, tolerations
+from rigel_k8s.app.placing import affinity
 from rigel_k8s.app.programs import command_of, prepare, run_by_lifecycle
 from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
 from rigel_k8s.network.modes import wire_pod
@@ -41,6 +41,7 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import Port
+from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import (
     ReleaseContext,
     config_map,

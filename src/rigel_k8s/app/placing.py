@@ -1,20 +1,16 @@
-"""Where a pod runs, and whether it stays there."""
+"""Which machines a pod of the application may run on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 from rigel_k8s.app.options import Distributed
 from rigel_k8s.objects.naming import HOSTNAME, object_name, selector
-from rigel_k8s.objects.podoptions import Placement, Toleration
-from rigel_k8s.objects.pods import Object, drop_empty
+from rigel_k8s.objects.podoptions import Placement
+from rigel_k8s.objects.pods import Object
 
 #: The label of remote machines, as in src.plugin.
 REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
-
-#: A robot that loses its network keeps its pods: without these they are evicted after 300 s.
-STAY = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
 def remote_selector(distributed: Distributed) -> dict[str, str]:
@@ -32,34 +28,3 @@ def affinity(placement: Placement) -> Object:
     if not terms:
         return {}
     return {"podAntiAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": terms}}
-
-
-def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
-    """Return the pod's tolerations; a pod pinned to a machine stays when its network fails."""
-    result = [toleration(item) for item in asked]
-    if pinned:
-        result += [{"key": key, "operator": "Exists", "effect": "NoExecute"} for key in STAY]
-    return result
-
-
-def stays(pod: Mapping[str, Any]) -> bool:
-    """Return whether a pod's spec keeps it forever on a machine that Kubernetes cannot reach."""
-    return any(
-        one.get("key") in (STAY[1], None)
-        and one.get("operator") == "Exists"
-        and one.get("effect") in ("NoExecute", None)
-        and one.get("tolerationSeconds") is None
-        for one in pod.get("tolerations") or []
-    )
-
-
-def toleration(item: Toleration) -> Object:
-    """Return one toleration."""
-    fields = {
-        "key": str(item.key) if item.key else None,
-        "operator": item.operator or ("Exists" if item.value is None else "Equal"),
-        "value": str(item.value) if item.value is not None else None,
-        "effect": item.effect,
-        "tolerationSeconds": int(item.seconds) if item.seconds is not None else None,
-    }
-    return drop_empty(fields)

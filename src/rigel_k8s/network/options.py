@@ -8,6 +8,7 @@ from typing import Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, true_is_default
+from rigel_k8s.objects.podoptions import Machines
 from rigel_k8s.objects.scalars import Count, DottedName, ImageRef, MountPath, Servers
 
 #: The names of the modes; modes/ has one module each.
@@ -91,6 +92,9 @@ class Network:
     peers: list[str] = option("peers: addresses or names of participants outside the release", [])
     service_account: DottedName | None = option(
         "discovery-server and zenoh: serviceAccountName of the servers' pods"
+    )
+    placement: Machines | None = option(
+        "discovery-server and zenoh: the machines that the servers may run on"
     )
     install: Install | None = option(
         "install Multus and whereabouts first, if the cluster does not have them",

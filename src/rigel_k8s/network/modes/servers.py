@@ -14,10 +14,11 @@ from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.naming import HOSTNAME, NAME_LABEL
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
 from rigel_k8s.objects.text import split_words
+from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import deployment, service
 
 #: The options of `network` that describe a server.
-SERVER_KEYS = frozenset({"image", "command", "service_account"})
+SERVER_KEYS = frozenset({"image", "command", "service_account", "placement"})
 
 
 def command_line(network: Network, default: Sequence[str]) -> list[str]:
@@ -79,8 +80,11 @@ def server_deployment(
         "volumeMounts": [mount],
     }
     account = network.service_account
+    selector = network.placement.node_selector if network.placement else {}
     pod = {
         "affinity": prefer_apart(earlier),
+        "nodeSelector": selector,
+        "tolerations": tolerations([], pinned=bool(selector)),
         "containers": [whole],
         "volumes": [volume],
         "serviceAccountName": account,

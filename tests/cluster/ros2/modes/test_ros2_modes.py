@@ -113,6 +113,14 @@ class TestDiscoveryServer:
         by_servers.until_heard("listener", BOTH, seconds=240)
         assert uid_of(by_servers, "listener") == uid
 
+    def test_a_server_runs_on_the_chosen_machine(self, deployed: Deploy) -> None:
+        """Kubernetes would choose by its own rules."""
+        for chosen in ("node3", "node1"):
+            network = {"mode": "discovery-server", "placement": {"node": chosen}}
+            machines = deployed(network=network, nodes={"talker_1": TALKER}).project.machines()
+            [server] = [where for name, where in machines.items() if "-discovery-" in name]
+            assert server == chosen
+
 
 class TestHost:
     """The machine's own network."""

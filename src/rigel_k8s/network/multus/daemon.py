@@ -106,7 +106,8 @@ def _configuration(machines: Machines) -> Object:
 
 
 def _daemon(machines: Machines, image: str) -> Object:
-    answers = {"exec": {"command": ["/bin/sh", "-c", f"test -S {SOCKET_DIR}/multus.sock"]}}
+    look = {"command": ["/bin/sh", "-c", f"test -S {SOCKET_DIR}/multus.sock"]}
+    answers = {"exec": look, "timeoutSeconds": 5}  # by default 1 s, too short for a busy machine
     return {
         "name": "multus",
         "image": image,

@@ -270,7 +270,8 @@ def objects(
         if around.gate:
             for item in gate_objects(around, program):
                 yield ("gate",), item
-        master = master_deployment(around, own.master.image, params, wired)
+        selector = options.ros_master_placement.node_selector
+        master = master_deployment(around, own.master.image, params, wired, selector)
         yield ("deploy_ros_master",), master_service(around, master)
         yield ("deploy_ros_master",), master
     if own.setter:

@@ -29,7 +29,7 @@ from rigel_k8s.objects.pods import (
     probes,
     stop_hook,
 )
-from rigel_k8s.objects.tolerations import stays
+from rigel_k8s.objects.tolerations import stays, tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 
 MASTER_CONTAINER = "ros-master-container"
@@ -42,7 +42,11 @@ ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
 
 
 def master_deployment(
-    around: ReleaseContext, image: str, params: Mapping[str, Any], wired: Wiring
+    around: ReleaseContext,
+    image: str,
+    params: Mapping[str, Any],
+    wired: Wiring,
+    node_selector: Mapping[str, str],
 ) -> Object:
     """Return roscore's Deployment with the user's own parts merged in."""
     volume, mount = inpod_volume(around.release)
@@ -62,6 +66,8 @@ def master_deployment(
             "initContainers": list(wired.init_containers),
             "containers": [container],
             "volumes": [volume, *wired.volumes],
+            "nodeSelector": node_selector,
+            "tolerations": tolerations([], pinned=bool(node_selector)),
             **wired.pod,
         }
     )

@@ -22,6 +22,7 @@ from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.podoptions import (
     Device,
     EnvVar,
+    Machines,
     PersistentStorage,
     Placement,
     PortOptions,
@@ -198,6 +199,10 @@ class OrchestrationOptions:
         "ROS 1: deploy roscore as ros-master (default: unless there is a ros_master_uri)"
     )
     ros_master_image: ImageRef | None = option("roscore's image (default ros:DISTRO-ros-core)")
+    ros_master_placement: Machines = attrs.field(
+        factory=Machines,
+        metadata={"doc": "the machine of roscore, which stays there while it is unreachable"},
+    )
     gate: bool | None = option(
         "ROS 1: put a gate in front of roscore, which hands over the names of nodes in updates and"
         " gives a restarted roscore its registrations back (default: with noetic's roscore, unless"

@@ -125,6 +125,7 @@ def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Proble
         "deploy_ros_master": options.deploy_ros_master,
         "ros_master_uri": options.ros_master_uri,
         "ros_master_image": options.ros_master_image,
+        "ros_master_placement": options.ros_master_placement.node_selector,
         "additional_k8s_params": options.additional_k8s_params.ros_master,
     }
     for key, value in asked.items():

@@ -264,9 +264,13 @@ APPLICATION: Mapping[str, Kind] = {
         "this node cannot hand over",
         "remove the obstacle that the message names, or set `strategy: Recreate`",
     ),
+    "no-shell": Kind(
+        "`args` have a word that only a shell acts on, and no shell reads them",
+        'start a shell: `args: [bash, -c, "source /x/setup.bash && exec rosrun a b"]`',
+    ),
     "surge": Kind(
         "an update would run two pods of one node at the same time",
-        "set `strategy: Recreate`, or `anonymous: true`",
+        "leave `strategy` out, or set `anonymous: true`",
     ),
     "two-at-once": Kind(
         "a node is anonymous, so an update runs its old and its new pod at the same time, and the"
@@ -292,8 +296,8 @@ APPLICATION: Mapping[str, Kind] = {
         "make it a node of its own, or set `allow_sidecars: true`",
     ),
     "no-application": Kind(
-        "`results` are copied out of the application, and the job has only `nodes`",
-        "remove `results`",
+        "an option is about the Deployment of `application_image`, and the job has only `nodes`",
+        "remove it, or set the option of the nodes that the message names",
     ),
     "no-graph": Kind("the ROS graph of zenoh nodes cannot be read", "remove `rollback_on`"),
     "restricted": Kind(

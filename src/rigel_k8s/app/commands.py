@@ -19,9 +19,10 @@ from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
 
+SHELLS = ("sh", "bash", "dash", "ash", "zsh")
 #: Programs that would misread `__name:=x`, or do not pass it on.
 NO_ROS_ARGUMENTS = frozenset(
-    ("sh", "bash", "dash", "ash", "zsh", "busybox", "env")
+    (*SHELLS, "busybox", "env")
     + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
 )
 

@@ -186,6 +186,30 @@ WARNINGS = [
         "nodes.b.components",
         "{image: a, nodes: {b: {components: {c: {plugin: a/B, parameters: {d: $(env E)}}}}}}",
     ),
+    ("no-substitution", "nodes.b.args", "{image: a, nodes: {b: {args: x $(find p)/y}}}"),
+    (
+        "no-substitution",
+        "nodes.b.parameters",
+        "{image: a, nodes: {b: {args: x, parameters: {p: $(env E)}}}}",
+    ),
+    ("no-shell", "nodes.b.args", "{image: a, nodes: {b: {args: source /x && rosrun a b}}}"),
+    (
+        "no-shell",
+        "nodes.b.args",
+        "{image: a, nodes: {b: {package: p, executable: e, args: '> /log'}}}",
+    ),
+    ("no-application", "readiness", "{image: a, nodes: {b: {}}, readiness: none}"),
+    (
+        "no-application",
+        "rolling_update",
+        "{image: a, nodes: {b: {}}, rolling_update: {strategy: Recreate}}",
+    ),
+    ("no-application", "distributed", "{image: a, nodes: {b: {}}, distributed: {enabled: true}}"),
+    (
+        "no-application",
+        "additional_k8s_params.application",
+        "{image: a, nodes: {b: {}}, additional_k8s_params: {application: {spec: {replicas: 2}}}}",
+    ),
     ("surge", "rolling_update", "{application_image: a, rolling_update: {strategy: Rolling}}"),
     ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
     ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
@@ -222,6 +246,20 @@ def test_what_works_otherwise_than_it_looks_is_a_warning(kind: str, place: str, 
     """A warning stops nothing."""
     assert told(text, "warning") == {(kind, place)}
     assert told(text, "error") == set()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{image: a, nodes: {b: {args: [bash, -c, 'source /x && find $(find p)']}}}",
+        "{image: a, nodes: {b: {command: [sh, -c], args: ['a && b']}}}",
+        "{image: a, nodes: {b: {}}, readiness: {timeout_seconds: 600}}",
+        "{application_image: a, image: a, nodes: {b: {}}, readiness: none}",
+    ],
+)
+def test_what_has_an_effect_is_not_warned_of(text: str) -> None:
+    """A shell reads its own lines; the time of `readiness` is that of the roll-out."""
+    assert told(text, "warning") == set()
 
 
 def test_a_node_without_an_image_is_told() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from rigel_k8s.app.commands import full_name
+from rigel_k8s.app.commands import SHELLS, full_name
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.programs import find_program
 from rigel_k8s.app.updating import find_clash, is_rolling
@@ -13,7 +13,6 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.problems import Problem
 
-SHELLS = frozenset(("sh", "bash", "dash", "ash", "zsh"))
 #: Subcommands of `ros2` that start a user's own nodes.
 STARTERS = ("run", "launch")
 

@@ -49,10 +49,10 @@ from rigel_k8s.problems import Path, Problem
 
 SURGE: Mapping[str, str] = {
     "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
-    " them down; Recreate, the default, leaves a gap instead, and only anonymous nodes need"
-    " neither",
+    " them down; leave `strategy` out, and a node hands its name over, or stops for its update",
     "2": "during an update two nodes of one name run at once: each of their messages comes twice,"
-    " and either answers services and actions; Recreate, the default, leaves a gap instead",
+    " and either answers services and actions; leave `strategy` out, and a lifecycle node hands"
+    " over where it can, any other stops for its update",
 }
 SIDECARS = (
     "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
@@ -296,9 +296,37 @@ def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
     params = options.additional_k8s_params
     for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
         yield from check_patch(("additional_k8s_params", key), tree)
-    if options.results and options.nodes and not has_application(options):
+    yield from check_application_only(options)
+
+
+def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield options about the application's Deployment in a job that has only nodes."""
+    if not options.nodes or options.application_image:
+        return
+    params = options.additional_k8s_params.application
+    if params and not any(one.get("image") for one in containers_of(params)):
+        message = (
+            "this makes one more Deployment, of the distribution's image: change a node with its"
+            " `patch`, or set application_image"
+        )
+        path = ("additional_k8s_params", "application")
+        yield Problem(path, message, "no-application", severity="warning", at_key=True)
+    if has_application(options):
+        return
+    if options.results:
         message = "results are copied out of the application, but this job has only `nodes`"
         yield Problem(("results",), message, "no-application", at_key=True)
+    readiness = options.readiness
+    limits = isinstance(readiness, Readiness) and readiness.timeout_seconds is not None
+    unused = {
+        "readiness": "readiness" if readiness is not None and not limits else None,
+        "rolling_update": "update" if options.rolling_update is not None else None,
+        "distributed": "placement" if options.distributed.enabled else None,
+    }
+    for key, own in unused.items():
+        if own:
+            message = f"`{key}` has no effect on `nodes`: set `{own}` at each node"
+            yield Problem((key,), message, "no-application", severity="warning", at_key=True)
 
 
 def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -9,6 +9,7 @@ from typing import Any
 from rigel_k8s.app.checks.anonymous import check_anonymous
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
+from rigel_k8s.app.checks.shells import check_shell_words
 from rigel_k8s.app.components.checks import check_components
 from rigel_k8s.app.lifecycle.checks import check_lifecycle
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
@@ -51,6 +52,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)
     yield from check_substitution(node, IN_NODES)
+    yield from check_shell_words(node)
     yield from check_labels(node)
     yield from check_env(node)
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}

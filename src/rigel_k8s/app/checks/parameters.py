@@ -11,6 +11,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.app.checks.lines import check_line
+from rigel_k8s.app.checks.shells import runs_shell
 from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of, flat, is_list_of_one_type
@@ -33,6 +34,9 @@ NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
     "parameter_files": "error",
     "parameter_commands": "error",
     "components": "warning",
+    "parameters": "warning",
+    "launch": "warning",
+    "args": "warning",
 }
 
 
@@ -130,6 +134,8 @@ def check_substitution(
             for text in dict.fromkeys(unknown):
                 message = f"unknown substitution arg {text}: use {FORMS}"
                 yield Problem((key,), message, "unknown-substitution", at_key=True)
+        elif key == "args" and isinstance(options, NodeOptions) and runs_shell(options):
+            continue  # $(...) is the shell's
         elif key in NOT_LITERAL and has_substitution(value):
             text = next(filter(is_substituted, find_expressions(value)))
             message = f"{text} is not replaced: set substitution_args: true"

@@ -420,8 +420,12 @@ REFUSED: Mapping[str, Kind] = {
 #: Stacks of Eclipse Muto.
 STACKS: Mapping[str, Kind] = {
     "agent-job": Kind(
-        "a job has the name of the Muto agent that deploys it, or needs files that its pod lacks",
-        "change that job as the message says",
+        "the job that a Muto agent deploys does not fit the agent",
+        "change the one that the message names",
+    ),
+    "bad-agent": Kind(
+        "an option of a Muto agent has a value that the agent would refuse",
+        "correct it as the message says",
     ),
     "not-a-stack": Kind(
         "the text is not a stack, or not exactly one",

@@ -12,8 +12,9 @@ from rigel_k8s.app.deploying.target import release_key
 from rigel_k8s.app.rights import need_to_deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import index_by_name
+from rigel_k8s.muto.agent.allowance import matches
 from rigel_k8s.muto.agent.manifests import agent_objects
-from rigel_k8s.muto.agent.options import MutoAgent
+from rigel_k8s.muto.agent.options import MutoAgent, check_options
 from rigel_k8s.objects.rights import make_rules
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
@@ -30,8 +31,8 @@ class MutoAgentJob:
     needs_cluster: ClassVar[bool] = True
 
     def check(self, options: MutoAgent, application: Application) -> Sequence[Problem]:
-        """Return nothing: the options themselves refuse contradictions."""
-        return ()
+        """Return values that the agent would refuse."""
+        return list(check_options(options))
 
     def check_jobs(
         self, options: MutoAgent, jobs: Mapping[str, ComponentSpec]
@@ -91,12 +92,30 @@ def check_deployed_job(options: MutoAgent, jobs: Mapping[str, ComponentSpec]) ->
             " would remove the agent; give one of them another"
         )
         yield Problem(("job",), message, "agent-job")
+    yield from check_fit(options, spec.name, keys)
     if any(find_values(keys, "parameter_files")):
         message = (
             f"the job {spec.name} has parameter_files, which the agent's pod does not have:"
             " write `parameters` instead"
         )
         yield Problem(("job",), message, "agent-job")
+
+
+def check_fit(options: MutoAgent, job: str, keys: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield what the agent would do otherwise than `rigel run job` with the same job."""
+    own = {**keys.get("orchestration", {}), **keys}
+    namespace, image = str(own.get("namespace") or ""), str(own.get("image") or "")
+    other = namespace != str(options.namespace or "") and not has_template(namespace)
+    if namespace and other:
+        message = (
+            f'the agent deploys into its own namespace, not into "{namespace}", which the job'
+            f" {job} names: name the same one"
+        )
+        yield Problem(("namespace",), message, "agent-job", severity="warning")
+    allowed = options.images
+    if allowed is not None and image and not has_template(image) and not matches(image, allowed):
+        message = f'no pattern allows "{image}", the image of the job {job}: add one'
+        yield Problem(("images",), message, "agent-job", severity="warning", at_key=True)
 
 
 def find_values(value: Any, key: str) -> Iterator[Any]:

@@ -44,7 +44,7 @@ class Allowance:
             return
         if not _ID.fullmatch(wanted.stack_id):
             raise UserError(f'"{wanted.stack_id}" is not the id of a stack')
-        if not _matches(wanted.stack_id, self.stacks):
+        if not matches(wanted.stack_id, self.stacks):
             raise UserError(
                 f'the stack "{wanted.stack_id}" is not allowed: stacks: {", ".join(self.stacks)}'
             )
@@ -52,11 +52,12 @@ class Allowance:
     def check_images(self, images: Iterable[str]) -> None:
         """Refuse images that commands may not deploy. Raises as check_stack."""
         for image in images:
-            if not _matches(image, self.images):
+            if not matches(image, self.images):
                 raise UserError(
                     f'the image "{image}" is not allowed: images: {", ".join(self.images)}'
                 )
 
 
-def _matches(text: str, patterns: Iterable[str]) -> bool:
+def matches(text: str, patterns: Iterable[str]) -> bool:
+    """Return whether any pattern allows a text."""
     return any(fnmatchcase(text, pattern) for pattern in patterns)

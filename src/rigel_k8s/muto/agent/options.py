@@ -3,12 +3,18 @@
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import attrs
 
+from rigel_k8s.errors import UserError
+from rigel_k8s.muto.agent.address import read_address
 from rigel_k8s.muto.opening import check_url
 from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import DottedName, ImageRef, ObjectName
+from rigel_k8s.option_text import has_template
+from rigel_k8s.problems import Problem
 
 
 @attrs.frozen(kw_only=True)
@@ -50,18 +56,27 @@ class MutoAgent:
     )
     resources: Resources = attrs.field(factory=Resources, metadata={"doc": "requests and limits"})
 
-    def __attrs_post_init__(self) -> None:
-        """Refuse options that contradict each other."""
-        check_thing(self.thing)
-        if self.twin_url:
-            check_url(self.twin_url)
-        if self.twin_user and not self.twin_secret:
-            raise ValueError("twin_user needs twin_secret, which has the password")
-        if self.twin_secret and not self.twin_url:
-            raise ValueError("twin_secret needs twin_url")
+
+def check_options(options: MutoAgent) -> Iterator[Problem]:
+    """Yield values that the agent would refuse, and options that miss another one."""
+    for key, check in (("thing", check_thing), ("broker", read_address), ("twin_url", check_url)):
+        value = getattr(options, key)
+        if value and not has_template(value):
+            try:
+                check(value)
+            except UserError as error:
+                message = "; ".join(filter(None, (error.message, error.hint)))
+                yield Problem((key,), message, "bad-agent")
+            except ValueError as error:
+                yield Problem((key,), str(error), "bad-agent")
+    if options.twin_user and not options.twin_secret:
+        message = "twin_user needs twin_secret, which has the password"
+        yield Problem(("twin_user",), message, "bad-agent", at_key=True)
+    if options.twin_secret and not options.twin_url:
+        yield Problem(("twin_secret",), "twin_secret needs twin_url", "bad-agent", at_key=True)
 
 
 def check_thing(thing: str) -> None:
     """Raise ValueError if a text is not the id of a device in Ditto."""
     if thing.count(":") != 1 or not all(thing.split(":")):
-        raise ValueError(f'thing: "{thing}" is not NAMESPACE:NAME')
+        raise ValueError(f'"{thing}" is not NAMESPACE:NAME')

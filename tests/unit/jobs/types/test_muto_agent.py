@@ -13,6 +13,8 @@ from rigel_k8s import kube
 from rigel_k8s.app.rights import need_to_deploy
 from rigel_k8s.commands.rigelfiles import check
 from rigel_k8s.errors import ProblemsError
+from rigel_k8s.jobs.types.muto_agent import check_fit
+from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.objects.rights import find_missing
 from rigel_k8s.rigelfile import load
@@ -88,3 +90,23 @@ def test_a_job_that_no_pod_could_run_is_refused(
     assert words in "".join(refused.value.details)
     assert fake.writes == []
     assert any(words in one.message for one in check(Settings(tmp_path / "Rigelfile")).errors)
+
+
+@pytest.mark.parametrize(
+    ("agent", "job", "words"),
+    [
+        ({}, {"namespace": "other"}, 'not into "other"'),
+        ({}, {"orchestration": {"namespace": "other"}}, 'not into "other"'),
+        ({"images": ["lab/other:*"]}, {}, 'no pattern allows "lab/robot:1"'),
+        ({"images": ["lab/*"]}, {"namespace": "n"}, None),
+    ],
+)
+def test_what_the_agent_would_do_otherwise_is_a_warning(
+    agent: dict[str, Any], job: dict[str, Any], words: str | None
+) -> None:
+    """Another namespace than `rigel run job` deploys into; no image that commands may use."""
+    options = MutoAgent(**{**AGENT, **agent})
+    keys = {"image": "lab/robot:1", **job}
+    found = [problem.message for problem in check_fit(options, "deploy", keys)]
+    assert [words in one for one in found if words] == ([True] if words else [])
+    assert len(found) == (words is not None)

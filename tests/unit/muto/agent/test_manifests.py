@@ -12,7 +12,7 @@ import yaml
 
 from rigel_k8s.commands.rigelfiles import check
 from rigel_k8s.muto.agent.manifests import agent_objects
-from rigel_k8s.muto.agent.options import MutoAgent
+from rigel_k8s.muto.agent.options import MutoAgent, check_options
 from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.rigelfile import load, realise
@@ -78,16 +78,26 @@ def test_the_pod_passes_the_level_restricted(case: str) -> None:
     [
         ({"thing": "robot"}, "is not NAMESPACE:NAME"),
         ({"thing": "org:"}, "is not NAMESPACE:NAME"),
+        ({"broker": "broker.example"}, "is not the address of a broker"),
+        ({"broker": "http://broker"}, "is not the address of a broker"),
+        ({"broker": "b x"}, "is not the address of a broker"),
         ({"twin_url": "ditto"}, "is not a URL"),
         ({"twin_url": "https://me:secret@ditto"}, "no password"),
         ({"twin_url": "https://ditto", "twin_user": "me"}, "twin_user needs twin_secret"),
         ({"twin_secret": "ditto"}, "twin_secret needs twin_url"),
     ],
 )
-def test_options_that_contradict_each_other_are_refused(change: dict[str, str], words: str) -> None:
-    _, problems = read({**LEAST, **change})
-    assert len(problems) == 1
-    assert words in problems[0]
+def test_options_that_the_agent_refuses_are_problems(change: dict[str, str], words: str) -> None:
+    """Each at its own key."""
+    options, _ = read({**LEAST, **change})
+    [problem] = check_options(options)
+    assert words in problem.message
+    assert problem.path[0] in change
+
+
+def test_what_a_template_will_be_is_not_judged() -> None:
+    options, _ = read({**LEAST, "thing": "{{ data.thing }}", "broker": "{{ data.broker }}"})
+    assert list(check_options(options)) == []
 
 
 def test_the_documented_agent_can_be_deployed(tmp_path: Path) -> None:

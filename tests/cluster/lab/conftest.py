@@ -241,8 +241,8 @@ class Host:
 
 
 def mounts(text: str) -> list[str]:
-    """Return each mount's point, type and source."""
-    lines = [line.split(" - ") for line in text.splitlines()]
+    """Return each mount's point, type and source, without those of other lanes' image builds."""
+    lines = [line.split(" - ") for line in text.splitlines() if "/lib/containers/" not in line]
     return [" ".join([head.split()[4], *tail.split()[:2]]) for head, tail in lines]
 
 

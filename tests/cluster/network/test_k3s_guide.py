@@ -14,6 +14,7 @@ import pytest
 
 from rigel_k8s.network.multus.removal import remove
 from rigel_k8s.network.options import Install
+from rigel_k8s.release.types import DeployOptions
 from rigel_lab import cluster as localcluster
 from tests.support.recorder import Recorder
 
@@ -44,7 +45,7 @@ def laptop(own: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with a kubeconfig and the guide's Rigelfile; the cluster is without Multus."""
     if not own.data_dir:
         pytest.skip("of k3s only")
-    remove(own.cluster, Install(), Recorder())
+    remove(own.cluster, Install(), DeployOptions(report=Recorder()))
     place = tmp_path_factory.mktemp("laptop")
     (place / "k3s.yaml").write_text(localcluster.kubeconfig_text(own.name))
     (rigelfile,) = blocks("yaml")

@@ -293,4 +293,4 @@ def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> Non
     with pytest.raises(UserError, match='the job "build" is not an orchestration job'):
         release(found, "build")
     with pytest.raises(ProblemsError):
-        release(settings(tmp_path, AGENT.replace('"a:b"', "3"), DEPLOY), "agent")
+        release(settings(tmp_path, AGENT.replace("own", "Own_"), DEPLOY), "agent")

@@ -75,6 +75,8 @@ class Results:
 class RollbackOn:
     """What makes an update return to the last good revision automatically."""
 
+    example: ClassVar[str] = "{graph_worse: true}"
+
     graph_worse: bool = option(
         "the ROS graph stays worse than before the update: a node, a topic's publishers or"
         " subscribers, or a service is missing, types no longer fit, or a rate is less than half",
@@ -96,6 +98,8 @@ class KubernetesParams:
 @attrs.frozen(kw_only=True)
 class Launch:
     """A launch file: roslaunch, or ros2 launch, PACKAGE FILE ARGS."""
+
+    example: ClassVar[str] = "{package: PACKAGE, file: FILE}"
 
     package: str | None = option("the ROS package (default: `file` is a path)")
     file: str = required_field("the launch file")

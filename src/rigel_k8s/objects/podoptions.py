@@ -7,7 +7,7 @@ They are independent of Kubernetes objects; each field documents itself.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import attrs
 
@@ -49,6 +49,8 @@ class Readiness:
 @attrs.frozen(kw_only=True)
 class RollingUpdate:
     """How pods of a new revision replace the old ones."""
+
+    example: ClassVar[str] = "{strategy: STRATEGY}"
 
     strategy: (
         Literal["HandOver", "Rolling", "RollingUpdate", "Recreate"]
@@ -96,6 +98,8 @@ class PersistentStorage:
 @attrs.frozen(kw_only=True)
 class EnvVar:
     """An environment variable as Kubernetes writes it."""
+
+    example: ClassVar[str] = "{name: NAME, value: VALUE}"
 
     name: EnvName = required_field("the variable's name")
     value: Scalar | None = option("its value")
@@ -148,6 +152,8 @@ class Device:
 @attrs.frozen(kw_only=True)
 class Machines:
     """The Kubernetes nodes that a pod may run on."""
+
+    example: ClassVar[str] = "{node: robot-1}"
 
     node: DottedName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
     labels: Mapping[LabelKey, LabelValue] = option("labels that the Kubernetes node must have", {})

@@ -8,7 +8,7 @@ which is not used here. docs/reference.md is made from the fields' documentation
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import attrs
 
@@ -184,6 +184,8 @@ class Existing:
 @attrs.frozen(kw_only=True)
 class Observability:
     """Logs, metrics and dashboards: one stack for all applications of a cluster."""
+
+    example: ClassVar[str] = "{enabled: true}"
 
     enabled: bool = option("deploy the stack if it is not up to date", default=False)
     namespace: ObjectName | None = option(

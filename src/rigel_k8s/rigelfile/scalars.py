@@ -7,7 +7,14 @@ import re
 from pathlib import Path
 from typing import Any
 
-from rigel_k8s.rigelfile.fields import choices, describe_type, is_scalar_class
+from rigel_k8s.rigelfile.fields import (
+    choices,
+    describe_type,
+    is_mapping,
+    is_scalar_class,
+    members,
+    unwrap,
+)
 from rigel_k8s.rigelfile.findings import find_nearest
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
@@ -57,7 +64,18 @@ def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
     if node.value is None:
         message = f"expected {describe_type(kind)}, got nothing: write a value or remove the key"
         return Mismatch(message, "no-value")
+    hint = hint or _find_example(node, kind)
     return Mismatch(f"expected {describe_type(kind)}, got {describe(node)}{hint}")
+
+
+def _find_example(node: YamlNode, kind: Any) -> str:
+    """Return what to write where a mapping is expected, "" if its class has no example."""
+    for member in members(unwrap(kind)):
+        if example := getattr(member, "example", None):
+            return f": write {example}"
+        if is_mapping(member) and isinstance(node.value, list):
+            return ": write each entry as a key"
+    return ""
 
 
 def describe(node: YamlNode) -> str:

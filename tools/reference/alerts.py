@@ -53,8 +53,8 @@ first two. A query returns a line for each case:
 kube_node_status_condition{condition="Ready", status="true"} == 0
 ```
 
-- **A pod of a release does not start**: no machine accepts it, or its image cannot be pulled. The second
-  query shows only the latter.
+- **A pod of a release does not start**: no machine accepts it, or its image cannot be pulled. The
+  second query shows only the latter.
 
 ```
 kube_pod_status_phase{phase="Pending"} == 1 and on (namespace, pod) pod:rigel_identity:info
@@ -65,8 +65,8 @@ kube_pod_container_status_waiting_reason{reason=~"ImagePullBackOff|ErrImagePull"
   and on (namespace, pod) pod:rigel_identity:info
 ```
 
-- **A ROS 1 node receives nothing** although it is registered: [find out why](ros1-hears-nothing.md).
-  RosTopicSilent fires only if the exporter, too, receives nothing.
+- **A ROS 1 node receives nothing** although it is registered: [find out
+  why](ros1-hears-nothing.md). RosTopicSilent fires only if the exporter, too, receives nothing.
 
 `rigel observe` opens Prometheus, where you can try a query. To be notified, make a rule of it in a
 Prometheus of your own, for at least 10 minutes: a roll-out is `Pending` for a while."""

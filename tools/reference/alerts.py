@@ -29,6 +29,7 @@ no mail and no message. If you have one, name its address:
 ```yaml
 observability:
   enabled: true
+  collector: promtail # or alloy
   prometheus: { alertmanagers: ["alertmanager.monitoring:9093"] }
 ```
 
@@ -38,6 +39,37 @@ Prometheus evaluate the rules ([`existing.prometheus`](observability.md)).
 ## All alerts"""
 
 SEVERITIES = ("critical", "warning", "info")
+
+
+GAPS = """## What no alert covers
+
+These have no alert of their own. The stack's Prometheus has series of kube-state-metrics for the
+first two. A query returns a line for each case:
+
+- **A machine is lost**, such as a robot that is [offline](offline.md). Depending on which pods run
+  there, RosMasterGone, RosNodeGone or RosExporterDown fires.
+
+```
+kube_node_status_condition{condition="Ready", status="true"} == 0
+```
+
+- **A pod of a release does not start**: no machine accepts it, or its image cannot be pulled. The
+  second query shows only the latter.
+
+```
+kube_pod_status_phase{phase="Pending"} == 1 and on (namespace, pod) pod:rigel_identity:info
+```
+
+```
+kube_pod_container_status_waiting_reason{reason=~"ImagePullBackOff|ErrImagePull"} == 1
+  and on (namespace, pod) pod:rigel_identity:info
+```
+
+- **A ROS 1 node receives nothing** although it is registered: [find out
+  why](ros1-hears-nothing.md). RosTopicSilent fires only if the exporter, too, receives nothing.
+
+`rigel observe` opens Prometheus, where you can try a query. To be notified, make a rule of it in a
+Prometheus of your own, for at least 10 minutes: a roll-out is `Pending` for a while."""
 
 
 def write_alerts() -> str:
@@ -66,3 +98,4 @@ def _list_parts() -> Iterator[str]:
         for rule in alerts
     )
     yield draw_table(("alert", "severity", "fires when", "for"), rows)
+    yield GAPS

@@ -39,7 +39,8 @@ deploy shows a cause as the workload's state, and gives up when the cause lasts 
 last column: the error then has the cause and its remedy. A cause that passes before becomes a
 warning. A workload that has no cause and does not become ready fails at `--timeout`."""
 
-PROBE = """If the message is a line of the readiness probe, [Probes](probes.md) explains it."""
+PROBE = """If the message is a line of the readiness probe, [Probes](probes.md) explains it.
+[A robot is offline](offline.md) describes a machine that Kubernetes cannot reach."""
 
 NETWORK = """What [the checks before a deploy](preflight.md) find on the cluster and its
 machines. If a problem needs a change of the Rigelfile, the exit code is 2, otherwise 1; a
@@ -49,7 +50,8 @@ DDS = """What [the checks after a deploy](graph.md) and `rigel status` find betw
 ROS 2 and DDS applications."""
 
 ROS = """What [`rigel graph`](rosgraph.md) finds. It exits with 1 for each of these except
-`no-publisher`."""
+`no-publisher`. If it reports none of them and a ROS 1 node receives nothing, see
+[why a ROS 1 node hears nothing](ros1-hears-nothing.md)."""
 
 AGENT = """Why [Muto's agent](muto-agent.md) refuses a message. Nothing is deployed; the sender
 gets the message."""

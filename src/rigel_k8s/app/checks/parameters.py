@@ -35,7 +35,6 @@ NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
     "parameter_commands": "error",
     "components": "warning",
     "parameters": "warning",
-    "launch": "warning",
     "args": "warning",
 }
 

@@ -497,3 +497,33 @@ PODS: Mapping[str, Kind] = {
         " [gets its registrations back](ros1.md#when-roscore-ends)",
     ),
 }
+
+#: What `kubectl get pods` shows of a pod that does not run.
+KUBECTL: Mapping[str, Kind] = {
+    "Pending": Kind(
+        "no machine fits the pod, or its image or volumes are not there yet",
+        "`rigel status` reports which",
+    ),
+    "ErrImagePull": Kind(
+        "the image cannot be pulled", "check its name, the registry and `image_pull_secrets`"
+    ),
+    "ImagePullBackOff": Kind(
+        "the image cannot be pulled, and Kubernetes waits before it tries again",
+        "check its name, the registry and `image_pull_secrets`",
+    ),
+    "CreateContainerConfigError": Kind(
+        "a Secret or a ConfigMap that the container needs does not exist",
+        "create it; `rigel status` reports its name",
+    ),
+    "CrashLoopBackOff": Kind(
+        "the program has ended several times, and Kubernetes waits before it starts it again",
+        "read its last lines with `rigel logs NODE`, and correct what it runs",
+    ),
+    "OOMKilled": Kind(
+        "the container used more memory than its limit, or than its machine has",
+        "raise `resources.limits.memory` of the node",
+    ),
+    "Evicted": Kind(
+        "the machine ran out of memory or disk space", "free memory or disk space there"
+    ),
+}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rigel_k8s.graph.kinds import GRAPH
-from rigel_k8s.kinds import EXIT_CODES, PODS, PROBLEMS, Kind
+from rigel_k8s.kinds import EXIT_CODES, KUBECTL, PODS, PROBLEMS, Kind
 from rigel_k8s.muto.agent.kinds import REFUSALS
 from rigel_k8s.network.preflight.kinds import PREFLIGHT, PreflightKind
 from rigel_k8s.release.rollout.kinds import CAUSES
@@ -78,6 +78,8 @@ def _list_parts() -> Iterator[str]:
     yield PROBE
     yield "Two of them are also the `kind` of a pod in `rigel status -o json`:"
     yield _draw("kind", PODS)
+    yield "`kubectl get pods` has words of its own, which `rigel explain` takes, too:"
+    yield _draw("word", KUBECTL)
     yield "## The network of a release"
     yield NETWORK
     for title, found in PREFLIGHT.items():

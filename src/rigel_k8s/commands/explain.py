@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.graph.kinds import GRAPH
-from rigel_k8s.kinds import PODS, PROBLEMS, Kind
+from rigel_k8s.kinds import KUBECTL, PODS, PROBLEMS, Kind
 from rigel_k8s.muto.agent.kinds import REFUSALS
 from rigel_k8s.network.preflight.kinds import PREFLIGHT
 from rigel_k8s.rosgraph.kinds import ROS_GRAPH
@@ -69,6 +69,7 @@ def _list_groups() -> Iterator[tuple[str, Mapping[str, Kind]]]:
     for title, kinds in PROBLEMS.items():
         yield f"Rigelfile: {title}", kinds
     yield "Pods (`rigel status -o json`)", PODS
+    yield "Pods (`kubectl get pods`)", KUBECTL
     for title, found in PREFLIGHT.items():
         yield f"Network: {title}", found
     yield "DDS graph", GRAPH

@@ -15,7 +15,7 @@ PAGE = (Path(__file__).parents[3] / "docs/errors.md").read_text("utf-8")
 
 def test_every_kind_of_the_page_is_explained() -> None:
     """The page is generated from the code; exit codes are no kinds."""
-    rows = set(re.findall(r"^\| `([a-z][\w-]*)` \|", PAGE, re.MULTILINE))
+    rows = set(re.findall(r"^\| `([A-Za-z][\w-]*)` \|", PAGE, re.MULTILINE))
     assert len(rows) > 100
     assert rows == {one.kind for one in list_kinds()}
 
@@ -36,3 +36,9 @@ def test_an_unknown_kind_names_the_nearest() -> None:
     """So a typing error costs one look."""
     with pytest.raises(UserError, match='unknown kind "unknwon-key", did you mean "unknown-key"'):
         explain("unknwon-key")
+
+
+def test_a_word_of_kubectl_is_explained() -> None:
+    """What `kubectl get pods` shows is explained although no message of ours has it."""
+    (found,) = explain("CrashLoopBackOff")
+    assert "rigel logs" in found.remedy

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import attrs
 
 from rigel_k8s.muto.reading import decode, read
-from rigel_k8s.muto.remarks import Unreadable, error
+from rigel_k8s.muto.remarks import Remark, Unreadable, error, loss
 from rigel_k8s.muto.stack import (
     SECTIONS,
     Archive,
@@ -130,26 +130,49 @@ def _read_solution(root: YamlNode) -> Stack:
         message = f"this solution has more than {MOST_COMPONENTS} components"
         raise Unreadable(error(components, message, "too-large", key=True))
     parts = tuple(part for item in components.value for part in _read_component(item))
+    remarks = tuple(remark for item in components.value for remark in _remark_on_other_type(item))
     if not parts:
         message = "no component of this solution is a stack: expected properties.type: stack"
         raise Unreadable(error(components, message, "not-a-stack", key=True))
     named = _descend(root, "metadata").value if _has(root, "metadata") else {}
     name = name_at(named, "name")
     return Stack(
-        tuple(filter(None, [name])), name, root, parts=parts, ros2=any(p.ros2 for p in parts)
+        tuple(filter(None, [name])),
+        name,
+        root,
+        parts=parts,
+        remarks=remarks,
+        ros2=any(part.ros2 for part in parts),
     )
+
+
+def _find_properties(item: YamlNode) -> YamlNode | None:
+    """Return the properties of a component that is a stack, None for one of another type."""
+    properties = item.value.get("properties") if isinstance(item.value, dict) else None
+    if properties is None or not isinstance(properties.value, dict):
+        return None
+    return properties if text_at(properties.value, "type") == "stack" else None
+
+
+def _remark_on_other_type(item: YamlNode) -> Iterator[Remark]:
+    """Yield that a component is not carried over, if it is not a stack."""
+    if _find_properties(item) is not None:
+        return
+    content = item.value if isinstance(item.value, dict) else {}
+    name = text_at(content, "name")
+    what = f'the component "{name}"' if name else "this component"
+    form = text_at(content, "type")
+    other = f" is of the type {form}, not a stack" if form else " is not a stack"
+    yield loss(item, f"{what}{other}, and is not carried over: deploy it on its own")
 
 
 def _read_component(item: YamlNode) -> Iterator[Stack]:
     """Yield the stacks of a component; `data` is text in base64, or the stack itself."""
-    content = item.value if isinstance(item.value, dict) else {}
-    properties = content.get("properties")
-    if properties is None or not isinstance(properties.value, dict):
-        return
-    if text_at(properties.value, "type") != "stack":
+    properties = _find_properties(item)
+    if properties is None:
         return
     data = properties.value.get("data")
-    name = name_at(content, "name")
+    name = name_at(item.value, "name")
     if data is None:
         message = f'the component "{name}" has no data'
         raise Unreadable(error(properties, message, "not-a-stack", key=True))

@@ -25,7 +25,8 @@ from rigel_k8s.cli.words import (
 @click.option(
     "--rollback-on-failure",
     is_flag=True,
-    help="Go back to the last good revision if a roll-out fails.",
+    help="Go back to the last good revision if a roll-out fails; not if only the check of DDS"
+    " discovery after it does.",
 )
 @click.option(
     "--adopt", is_flag=True, help="Take over objects that kubectl, helm or another tool made."

@@ -325,6 +325,11 @@ NETWORK: Mapping[str, Kind] = {
         "set [`network`](networking.md): `peers`, which works everywhere, or `macvlan` if the"
         " machines share an Ethernet; `none` if the cluster's network carries multicast",
     ),
+    "no-super-client": Kind(
+        "a tool such as `ros2 bag record` runs with discovery servers, which show a node only the"
+        " topics that it exchanges data on",
+        'set `env: { ROS_SUPER_CLIENT: "TRUE" }` for this node',
+    ),
     "one-domain": Kind(
         "a fleet's robots share a wire and a DDS domain",
         'set `domain_id` from the matrix, for example `"{{ data.domain }}"`',

@@ -541,3 +541,30 @@ def test_a_line_that_cannot_be_split_is_no_bug_of_ours(update: str) -> None:
     found = problems(f"image: a:1\nnetwork: peers\nnodes: {{a: {node}}}", "jazzy")
     expected = ["hand-over"] * bool(update) + ["bad-command"]
     assert [problem.kind for problem in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("node", "warns"),
+    [
+        ("args: [ros2, bag, record, -a], anonymous: true", True),
+        ("args: [bash, -c, cd /bags && exec ros2 bag record -a], anonymous: true", True),
+        ("package: foxglove_bridge, executable: foxglove_bridge", True),
+        ("launch: {package: rosbridge_server, file: a.launch.xml}", True),
+        ("args: [ros2, bag, record], anonymous: true, env: {ROS_SUPER_CLIENT: 'TRUE'}", False),
+        (
+            "args: [ros2, bag, record], anonymous: true,"
+            " env: [{name: ROS_SUPER_CLIENT, value: 'TRUE'}]",
+            False,
+        ),
+        ("args: [bash, -c, ROS_SUPER_CLIENT=TRUE ros2 bag record], anonymous: true", False),
+        ("args: [ros2, bag, play, /bag], anonymous: true", False),
+    ],
+)
+def test_a_tool_is_a_super_client_of_discovery_servers(
+    node: str,
+    warns: bool,  # noqa: FBT001 - a parameter
+) -> None:
+    """With another mode it sees the graph anyway."""
+    for mode, here in (("discovery-server", warns), ("peers", False)):
+        text = f"{{image: lab/a:1, network: {mode}, nodes: {{b: {{{node}}}}}}}"
+        assert (("no-super-client", "nodes.b") in told(text, "warning", "jazzy")) == here

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.app.checks.pods import check_pods, workloads_of
+from rigel_k8s.app.checks.superclients import check_super_client
 from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.network.checks import check_options
@@ -33,6 +34,10 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
         return
     yield from check_options(network, ModeUse(ros, distro, middleware))
     yield from check_fleet(options, network, ros)
+    if network.mode == "discovery-server":
+        for key, node in options.nodes.items():
+            if (node.ros or ros) == "2":
+                yield from check_super_client(str(key), node)
     yield from check_images(options, middleware or mode_of(network).middleware)
     masters = int(ros == "1" and options.ros_master_uri is None)
     watching = int(options.observability.exporter is not None)

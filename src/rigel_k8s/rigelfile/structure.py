@@ -114,7 +114,9 @@ class Structured:
 
 def structure(node: YamlNode, kind: Any) -> Structured:
     """Return the value of a type that a Node describes, or all that is wrong with it."""
-    work = _Structurer()
+    whole = unwrap(kind)
+    is_class = isinstance(whole, type) and attrs.has(whole)
+    work = _Structurer(fields_by_key(whole) if is_class else {})
     value = work.value(node, kind, ())
     draft = None if value is _UNKNOWN else value
     return Structured(draft, tuple(work.problems), work.doubts)
@@ -156,7 +158,8 @@ def structure_plain(
 class _Structurer:
     """One walk over a Node; `_UNKNOWN` is a value that is wrong (reported) or waits for data."""
 
-    def __init__(self) -> None:
+    def __init__(self, outermost: Mapping[str, Field]) -> None:
+        self._outermost = outermost
         self.problems: list[Problem] = []
         self.doubts = Doubts()
 
@@ -248,9 +251,13 @@ class _Structurer:
                 message = f'unknown key "{key}", it is an option of each entry of "{owner}"'
                 self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
                 continue
-            message = f'unknown key "{key}"{suggest(key, absent or known) if few else ""}'
-            self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
             near = find_nearest(key, absent) if few else None
+            if few and path and near is None and key in self._outermost:
+                meant = ", it is an option of the job"
+            else:
+                meant = suggest(key, absent or known) if few else ""
+            message = f'unknown key "{key}"{meant}'
+            self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
             if near:
                 yield near
 
@@ -329,7 +336,7 @@ class _Structurer:
             return self.value(node, candidates[0], path)
         refused = []
         for candidate in candidates:
-            trial = _Structurer()
+            trial = _Structurer(self._outermost)
             value = trial.value(node, candidate, path)
             if not trial.problems:
                 self.doubts.include(trial.doubts)

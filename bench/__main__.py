@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench.measure import Figure, run
 from bench.tools import Helm, Kubectl, Rigel, Tool, helm_program, program
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 
 SCENARIOS = ("first deploy", "unchanged", "one image")
 RIGELFILE = """\
@@ -42,8 +42,8 @@ def main() -> None:
     words = arguments()
     name = words.context.removeprefix("rigel-")
     if words.context == "rigel-bench":
-        localcluster.up(name, 2, extras=["kubectl"], report=print)
-    status = localcluster.status(name)
+        lab.up(name, 2, extras=["kubectl"], report=print)
+    status = lab.status(name)
     tools: list[Tool] = [
         Rigel(words.context),
         Kubectl(words.context, status.kubectl),

@@ -25,7 +25,7 @@ from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 
 NODES = 5
 PUBLISH = """
@@ -87,7 +87,7 @@ def program(code: str) -> dict[str, Any]:
 def main() -> None:
     """Measure and print."""
     words = arguments()
-    registry = localcluster.status(words.context.removeprefix("rigel-")).registry
+    registry = lab.status(words.context.removeprefix("rigel-")).registry
     run("image", "ros1-base", "--push", f"{registry}/ros:noetic")
     exporter = f"{registry}/bench/ros-exporter:{uuid.uuid4().hex[:8]}"
     run("image", "ros-exporter", "--push", exporter)

@@ -101,7 +101,7 @@ def main() -> None:
     rosmaster = ["/opt/ros/noetic/bin/rosmaster", "--core", "-p", str(MASTER), "-w", "10"]
     own = {"ROS_ROOT": "/opt/ros/noetic/share/ros", "HOME": "/tmp", "ROS_MASTER_URI": ""}
     with tempfile.TemporaryDirectory() as directory:
-        gate = [sys.executable, "-S", "-m", "rigel_k8s.gate", "--journal", f"{directory}/journal"]
+        gate = [sys.executable, "-S", "-m", "rigel_gate", "--journal", f"{directory}/journal"]
         gate += ["--port", str(GATE), "--hand-over-port", str(HAND_OVER)]
         gate += ["--master-port", str(MASTER)]
         source = str(Path(__file__).parents[1] / "src")

@@ -12,7 +12,7 @@ from typing import Any
 
 import attrs
 
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 
 #: The bench's own cluster, by ROS.
 OWN = {"1": "rigel-bench", "2": "rigel-bench2"}
@@ -77,10 +77,10 @@ def find_cluster(context: str | None, ros: str) -> tuple[str, str, str]:
     rigel = [sys.executable, "-m", "rigel_k8s", "--context", found]
     if not context:
         extras = ["kubectl"] if ros == "1" else ["kubectl", "multus"]
-        localcluster.up(name, 2, extras=extras, report=print)
+        lab.up(name, 2, extras=extras, report=print)
     if ros == "2":
         subprocess.run([*rigel, "network", "install"], check=True)
-    status = localcluster.status(name)
+    status = lab.status(name)
     image = f"{status.registry}/ros:{'noetic' if ros == '1' else 'jazzy'}"
     subprocess.run([*rigel, "image", f"ros{ros}-base", "--push", image], check=True)
     return found, status.kubectl, image

@@ -25,7 +25,7 @@ from typing import Any
 import attrs
 import yaml
 
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 
 NODES = Path(__file__).parent / "ros2_nodes"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2-talker-listener"
@@ -129,7 +129,7 @@ def main() -> None:
     if words.context == OWN:
         rigel("cluster", "up", "--name", name, "--nodes", "3", *EXTRAS)
         rigel("--context", OWN, "network", "install")
-    status = localcluster.status(name)
+    status = lab.status(name)
     only = words.only.split(",")
     with tempfile.TemporaryDirectory() as directory:
         bench = Bench(words.context, status.kubectl, status.registry, Path(directory))

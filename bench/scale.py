@@ -27,7 +27,7 @@ from bench.fakenodes import fake_machines
 from bench.fleets import STEPS, TOOLS, Fleet
 from bench.measure import CommandFailed, Sample, TooSlow, run
 from bench.requests import CountedUser, counted_user
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 
 MACHINES = 20
 
@@ -59,7 +59,7 @@ class Bench:
     """The cluster for the measurement, and the seconds that a step may take."""
 
     context: str
-    status: localcluster.ClusterStatus
+    status: lab.ClusterStatus
     user: CountedUser
     limit: float
 
@@ -107,7 +107,7 @@ def main() -> None:
     """Measure and print."""
     words = arguments()
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    status = localcluster.status(words.context.removeprefix("rigel-"))
+    status = lab.status(words.context.removeprefix("rigel-"))
     kubectl = [status.kubectl, "--context", words.context]
     tag_again(status.registry)
     host = re.sub(r"\d+:\d+$", "1", status.registry)

@@ -41,7 +41,7 @@ from rigel_k8s.jobs.types.dockerfile import (
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system import oci
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 from rigel_lab.images import exporter
 from rigel_lab.images.base.build import BaseImage
 from tests.support.digests import resolve_digest
@@ -527,14 +527,14 @@ def in_image(image: str, *words: str) -> list[str]:
 def local(context: str) -> str:
     """The name of the local cluster behind the context."""
     name = context.removeprefix("rigel-")
-    if name not in localcluster.names():
+    if name not in lab.names():
         pytest.skip(f"{context} is no local cluster of this machine")
     return name
 
 
 def test_the_clusters_registry_needs_no_word(local: str, project: Path) -> None:
     """A push to the local cluster's registry is let through without `insecure`."""
-    image = f"{localcluster.status(local).registry}/test/{project.name.replace('_', '-').lower()}"
+    image = f"{lab.status(local).registry}/test/{project.name.replace('_', '-').lower()}"
     built = build(project, f"{image}:1", push=True)
     assert resolve_digest(f"{image}:1") == built.data[DIGESTS][f"{image}:1"]
     podman("rmi", "--force", f"{image}:1", f"{image}:latest")
@@ -547,7 +547,7 @@ def test_a_loaded_image_is_on_every_node(
     image = f"loaded.test/{project.name.replace('_', '-').lower()}"
     (project / "Dockerfile").write_text(f"FROM {base_image}\nCOPY content /content\n")
     build(project, f"{image}:1", cluster_load=True, context=context)
-    nodes = [node.name for node in localcluster.status(local).nodes]
+    nodes = [node.name for node in lab.status(local).nodes]
     for node in nodes:
         cluster.create(pod(namespace, f"{image}:1", node))
     for node in nodes:

@@ -22,10 +22,10 @@ import pytest
 from paho.mqtt.client import MQTTv311
 
 from rigel_k8s import __version__
-from rigel_k8s.muto.agent.address import Login
-from rigel_k8s.muto.agent.manifests import MEMORY
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_lab.cluster.oci import push_archive
+from rigel_muto.agent.address import Login
+from rigel_muto.agent.manifests import MEMORY
 from tests.support import broker_image, shared
 from tests.support.certificates import AUTHORITY, Authority
 from tests.support.http_server import Exchange, HttpServer, serving

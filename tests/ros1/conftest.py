@@ -25,10 +25,10 @@ from typing import Any, TypeVar
 import attrs
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
+from rigel_gate.program import program
 from rigel_k8s.app.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
 from rigel_k8s.app.master import MASTER_OPTIONS, ROSCORE
-from rigel_k8s.gate.program import program
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
@@ -36,7 +36,7 @@ from tests.support.until import until
 
 T = TypeVar("T")
 
-SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+SCRIPTS = Path(rigel_inpod.__file__).parent
 #: Seconds for what starts a Python in a pod; on a busy machine it takes many.
 PATIENCE = 120
 WAIT = ("--wait", str(PATIENCE))
@@ -209,7 +209,7 @@ class Pods:
         own = {f"{PACKAGE_PATH}/{name}": text for name, text in program().items()}
         return self.start(
             "ros-master",
-            *("python3", "-m", "rigel_k8s.gate", "--journal", "/tmp/gate", *options),
+            *("python3", "-m", "rigel_gate", "--journal", "/tmp/gate", *options),
             address=address,
             files=own,
             env={"PYTHONPATH": PROGRAM_PATH, "ROS_MASTER_URI": f"http://localhost:{MASTER_PORT}"},

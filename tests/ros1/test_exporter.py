@@ -12,7 +12,7 @@ from rigel_lab.images.exporter import entries
 
 pytestmark = pytest.mark.cluster
 
-EXPORTER = ("/usr/bin/python3", "-m", "rigel_k8s.exporter", "/config.json")
+EXPORTER = ("/usr/bin/python3", "-m", "rigel_exporter", "/config.json")
 RELAY = ("rosrun", "topic_tools", "relay", "/chatter", "/relayed", "__name:=relay")
 TALKER = """#!/usr/bin/env python
 import sys

@@ -270,7 +270,7 @@ def test_the_gate_may_be_killed(pods):
 
 
 def kill_worker(gate):
-    for worker in set(gate.pids("rigel_k8s.gate")) - {gate.init}:
+    for worker in set(gate.pids("rigel_gate")) - {gate.init}:
         os.kill(worker, signal.SIGKILL)
 
 

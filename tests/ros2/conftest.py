@@ -23,15 +23,15 @@ from typing import Any, BinaryIO
 import attrs
 import pytest
 
-import rigel_k8s.inpod
-from rigel_k8s.graph.findings import DiscoveryGraph, graph
-from rigel_k8s.graph.looks import look
-from rigel_k8s.graph.members import Member
+import rigel_inpod
+from rigel_k8s.discovery.findings import DiscoveryGraph, graph
+from rigel_k8s.discovery.looks import look
+from rigel_k8s.discovery.members import Member
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.system.cache import locked
 from tests.support.until import until
 
-SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+SCRIPTS = Path(rigel_inpod.__file__).parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rigel-k8s" / "tests"
 PACKAGES = {
     "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-std-msgs"],
@@ -224,7 +224,7 @@ class Lab:
         **_: Any,
     ) -> int:
         """Run a command in a pod as the cluster's exec does; the scripts are not mounted here."""
-        words = [word.replace(rigel_k8s.inpod.MOUNT_PATH, str(SCRIPTS)) for word in command]
+        words = [word.replace(rigel_inpod.MOUNT_PATH, str(SCRIPTS)) for word in command]
         words = self.pods[pod].entering(words)
         with subprocess.Popen(
             words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE

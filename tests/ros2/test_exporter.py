@@ -14,7 +14,7 @@ import attrs
 import pytest
 
 import rigel_k8s
-from rigel_k8s.exporter import dds_messages
+from rigel_exporter import dds_messages
 
 from .conftest import PATIENCE
 
@@ -34,7 +34,7 @@ SOURCES = str(Path(rigel_k8s.__file__).parents[1])
 #: exporter.py ARGUMENTS-AS-JSON TOPIC...: a line of JSON five times a second.
 EXPORTER = """
 import json, sys, time
-from rigel_k8s.exporter.dds import Domain
+from rigel_exporter.dds import Domain
 
 domain = Domain(**json.loads(sys.argv[1]))
 topics = {topic: domain.subscribe(topic, keep=1) for topic in sys.argv[2:]}

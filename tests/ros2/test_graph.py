@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
-from rigel_k8s.graph.findings import DiscoveryGraph
+import rigel_inpod
+from rigel_k8s.discovery.findings import DiscoveryGraph
 from tests.support.until import until
 
 from .conftest import PATIENCE
 
 pytestmark = pytest.mark.cluster
 
-SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+SCRIPTS = Path(rigel_inpod.__file__).parent
 #: Hears on both networks until beacons have come, and tells which stand-in heard what.
 EARS = """
 import sys, time

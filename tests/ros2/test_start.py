@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.ros2commands import OWN_FILE, render_files
 from rigel_k8s.objects.scalars import ImageRef
@@ -15,7 +15,7 @@ from rigel_k8s.objects.scalars import ImageRef
 pytestmark = pytest.mark.cluster
 
 
-SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+SCRIPTS = Path(rigel_inpod.__file__).parent
 SHOW = """
 import json, rclpy
 rclpy.init()

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rigel_k8s.inpod import rtps, spdp
+from rigel_inpod import rtps, spdp
 
 
 def some_domain() -> int:

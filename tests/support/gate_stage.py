@@ -7,8 +7,8 @@ import json
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from rigel_k8s.gate.calls import GATE, Answer, Call
-from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
+from rigel_gate.calls import GATE, Answer, Call
+from rigel_gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
 from tests.support.gate_world import Plan, SimPod, World, run
 
 ROSOUT = (PUBLISHER, "/rosout")

@@ -13,13 +13,13 @@ import selectors
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from rigel_k8s.gate.calls import GATE, Answer, Call, call_of, registration_of, removal_of
-from rigel_k8s.gate.gate import Gate
-from rigel_k8s.gate.handover import BOND
-from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
-from rigel_k8s.gate.memory import line_of, replay
-from rigel_k8s.gate.parameters import Parameters, leaves
-from rigel_k8s.gate.registry import (
+from rigel_gate.calls import GATE, Answer, Call, call_of, registration_of, removal_of
+from rigel_gate.gate import Gate
+from rigel_gate.handover import BOND
+from rigel_gate.links import MasterGone, NodeGone, NodeSilent
+from rigel_gate.memory import line_of, replay
+from rigel_gate.parameters import Parameters, leaves
+from rigel_gate.registry import (
     PARAMETER,
     PUBLISHER,
     SERVICE,
@@ -28,7 +28,7 @@ from rigel_k8s.gate.registry import (
     host_of,
     resolve_name,
 )
-from rigel_k8s.gate.state import State
+from rigel_gate.state import State
 
 #: What the API servers of roscpp's and of rospy's nodes are called.
 ROSCPP, ROSPY = "XMLRPC++ 0.7", "BaseHTTP/0.6 Python/3.8.10"

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import attrs
 
-SOURCES = Path(__file__).parents[2] / "src" / "rigel_k8s"
+SOURCES = Path(__file__).parents[2] / "src"
 #: Programs for pods, whose functions have the same names for other things.
-OTHERS = ("exporter", "gate", "inpod")
+OTHERS = ("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_lab")
 PROBLEM, PREFLIGHT, GRAPH, ROS_GRAPH, CAUSE, REFUSAL = (
     *("problem", "preflight", "graph", "rosgraph"),
     *("cause", "refusal"),
@@ -41,27 +41,27 @@ MAKERS: Mapping[str, Sequence[Maker]] = {
     "Problem": [Maker(PROBLEM, 2)],
     "Finding": [Maker(PROBLEM, 2)],
     "make_finding": [Maker(PROBLEM, 2)],
-    "problem_at": [Maker(PROBLEM, None, "network")],
-    "make_problem": [Maker(PROBLEM, 3, "release/refusals")],
-    "report": [Maker(PROBLEM, 2, "rigelfile/grammar.py")],
-    "_refuse": [Maker(PROBLEM, 2, "rigelfile/parse.py")],
-    "_report": [Maker(PROBLEM, 2, "rigelfile/structure.py")],
-    "Mismatch": [Maker(PROBLEM, 1, "rigelfile")],
-    "_Wrong": [Maker(PROBLEM, 1, "rigelfile")],
-    "error": [Maker(PROBLEM, 2, "muto")],
-    "note": [Maker(PROBLEM, 2, "muto")],
-    "loss": [Maker(PROBLEM, None, "muto")],
-    "lose": [Maker(PROBLEM, 3, "muto")],
-    "_lose": [Maker(PROBLEM, 3, "muto")],
-    "_lose_parameter": [Maker(PROBLEM, 3, "muto/nodes.py")],
-    "_lose_with_advice": [Maker(PROBLEM, 3, "muto/nodes.py")],
+    "problem_at": [Maker(PROBLEM, None, "rigel_k8s/network")],
+    "make_problem": [Maker(PROBLEM, 3, "rigel_k8s/release/refusals")],
+    "report": [Maker(PROBLEM, 2, "rigel_k8s/rigelfile/grammar.py")],
+    "_refuse": [Maker(PROBLEM, 2, "rigel_k8s/rigelfile/parse.py")],
+    "_report": [Maker(PROBLEM, 2, "rigel_k8s/rigelfile/structure.py")],
+    "Mismatch": [Maker(PROBLEM, 1, "rigel_k8s/rigelfile")],
+    "_Wrong": [Maker(PROBLEM, 1, "rigel_k8s/rigelfile")],
+    "error": [Maker(PROBLEM, 2, "rigel_muto")],
+    "note": [Maker(PROBLEM, 2, "rigel_muto")],
+    "loss": [Maker(PROBLEM, None, "rigel_muto")],
+    "lose": [Maker(PROBLEM, 3, "rigel_muto")],
+    "_lose": [Maker(PROBLEM, 3, "rigel_muto")],
+    "_lose_parameter": [Maker(PROBLEM, 3, "rigel_muto/nodes.py")],
+    "_lose_with_advice": [Maker(PROBLEM, 3, "rigel_muto/nodes.py")],
     "PreflightFinding": [Maker(PREFLIGHT, 0)],
-    "_overlapping": [Maker(PREFLIGHT, 0, "network/preflight")],
+    "_overlapping": [Maker(PREFLIGHT, 0, "rigel_k8s/network/preflight")],
     "GraphFinding": [Maker(GRAPH, 0)],
     "GraphProblem": [Maker(ROS_GRAPH, 0)],
-    "Cause": [Maker(CAUSE, 0, "release/rollout")],
-    "Refusal": [Maker(REFUSAL, 0, "muto/agent")],
-    "Malformed": [Maker(REFUSAL, 1, "muto/agent")],
+    "Cause": [Maker(CAUSE, 0, "rigel_k8s/release/rollout")],
+    "Refusal": [Maker(REFUSAL, 0, "rigel_muto/agent")],
+    "Malformed": [Maker(REFUSAL, 1, "rigel_muto/agent")],
 }
 
 
@@ -144,7 +144,7 @@ class Module:
                 if argument.arg == "kind" and default and self._name.startswith(maker.home):
                     for kind in self._read(default, function):
                         yield Use(maker.family, kind, f"{self._name}:{function.lineno}")
-        if self._name == "graph/findings.py" and "Wrong" in ast.unparse(
+        if self._name == "rigel_k8s/discovery/findings.py" and "Wrong" in ast.unparse(
             function.returns or function
         ):
             for node in ast.walk(function):
@@ -229,8 +229,8 @@ class Module:
         """Whether a name is that of a loop over values whose kinds are found elsewhere."""
         loops = (node for node in ast.walk(scope) if isinstance(node, ast.For))
         known = {
-            ("graph/findings.py", "wrong"),
-            ("release/refusals/admission.py", "reasons.items()"),
+            ("rigel_k8s/discovery/findings.py", "wrong"),
+            ("rigel_k8s/release/refusals/admission.py", "reasons.items()"),
         }
         return any(
             re.search(rf"\b{name}\b", ast.unparse(loop.target))
@@ -242,7 +242,7 @@ class Module:
         """Yield a constant that the module imports from another one."""
         for line in self._tree.body:
             if isinstance(line, ast.ImportFrom) and name in {one.name for one in line.names}:
-                other = SOURCES.parent / f"{(line.module or '').replace('.', '/')}.py"
+                other = SOURCES / f"{(line.module or '').replace('.', '/')}.py"
                 yield from Module(other, SOURCES)._read_name(name, Module(other, SOURCES)._tree)
                 return
         raise Unseen(f"{self._name}: {name} is not defined here")

@@ -17,14 +17,14 @@ SOURCES = ROOT / "src"
 DATA = (
     "rigel_k8s/observability/boards/files/rigel-logs.json",
     "rigel_k8s/observability/boards/files/rigel-platform.yaml",
-    "rigel_k8s/exporter/__main__.py",
+    "rigel_exporter/__main__.py",
     "rigel_lab/images/base/files/ros_entrypoint.sh",
     "rigel_lab/images/mutoagent/files/wheels.txt",
     "rigel_lab/images/ros1base/files/setup.zsh",
     "rigel_lab/images/ros2base/files/jazzy.in",
     "rigel_lab/images/ros2base/files/jazzy.txt",
     "rigel_lab/images/ros2base/files/ros2/__main__.py",
-    "rigel_k8s/inpod/ready.sh",
+    "rigel_inpod/ready.sh",
     "rigel_lab/cluster/install-cnis.sh",
     "rigel_lab/cluster/lock/multus/go.mod",
     "rigel_lab/cluster/lock/multus/go.sum",
@@ -38,7 +38,7 @@ DATA = (
     "rigel_k8s/py.typed",
 )
 READS = """
-from rigel_k8s import inpod
+import rigel_inpod as inpod
 from rigel_k8s.observability import boards
 from rigel_lab.images.exporter.program import entries as exporter
 from rigel_lab.images.mutoagent import list_package, read_lock

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from rigel_k8s.graph.kinds import GRAPH
+from rigel_k8s.discovery.kinds import GRAPH
 from rigel_k8s.kinds import EXIT_CODES, KUBECTL, PODS, PROBLEMS, Kind
-from rigel_k8s.muto.agent.kinds import REFUSALS
 from rigel_k8s.network.preflight.kinds import PREFLIGHT, PreflightKind
 from rigel_k8s.release.rollout.kinds import CAUSES
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.rosgraph.kinds import ROS_GRAPH
+from rigel_muto.agent.kinds import REFUSALS
 from tools.reference.tables import draw_table, join_page
 
 HEAD = """# Errors and warnings

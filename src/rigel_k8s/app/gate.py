@@ -20,9 +20,9 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
-#: Where the gate's files are, so that Python finds `rigel_k8s.gate` from there.
+#: Where the gate's files are, so that Python finds `rigel_gate` from there.
 PROGRAM_PATH = "/rigel-k8s-gate"
-PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_k8s/gate"
+PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_gate"
 JOURNAL_PATH = "/rigel-k8s-memory"
 #: Where roscore finds roscore.xml, the list of what it starts.
 ROSCORE_PATH = "/rigel-k8s-roscore"
@@ -74,7 +74,7 @@ def gate_container(image: str, env: list[Object], release: str) -> Object:
     return {
         "name": GATE_CONTAINER,
         "image": image,
-        "command": ["python3", "-E", "-S", "-B", "-m", "rigel_k8s.gate"],
+        "command": ["python3", "-E", "-S", "-B", "-m", "rigel_gate"],
         "args": ["--journal", f"{JOURNAL_PATH}/journal", "--object", MEMORY_NAME],
         "workingDir": PROGRAM_PATH,
         "env": env,

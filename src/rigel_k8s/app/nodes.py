@@ -9,7 +9,6 @@ from itertools import chain
 
 import attrs
 
-from rigel_k8s.app.commands import Command, full_name
 from rigel_k8s.app.components.running import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
 from rigel_k8s.app.lifecycle.running import list_variables, make_transitions
@@ -18,6 +17,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.placing import affinity
 from rigel_k8s.app.programs import command_of, prepare, run_by_lifecycle
+from rigel_k8s.app.ros1commands import Command, full_name
 from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
 from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words

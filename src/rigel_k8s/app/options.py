@@ -16,7 +16,6 @@ from rigel_k8s.app.components.options import Component
 from rigel_k8s.app.lifecycle.options import Lifecycle
 from rigel_k8s.app.networkpolicy.options import NetworkPolicy
 from rigel_k8s.app.security.options import Level, Security, security_of
-from rigel_k8s.muto.options import Muto, muto_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
 from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.podoptions import (
@@ -50,6 +49,7 @@ from rigel_k8s.objects.scalars import (
 from rigel_k8s.observability.options import Observability
 from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
 from rigel_k8s.rigelfile.source import YamlNode
+from rigel_muto.options import Muto, muto_of
 
 
 @attrs.frozen(kw_only=True)
@@ -292,6 +292,6 @@ class OrchestrationOptions:
         """Replace `muto` with a stack's nodes, before anything else reads the options."""
         if "muto" not in node.value:
             return Expanded(node)
-        from rigel_k8s.muto.expansion import expand
+        from rigel_muto.expansion import expand
 
         return expand(node, surroundings)

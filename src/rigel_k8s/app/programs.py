@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.app import commands, ros2commands
-from rigel_k8s.app.commands import Command
+from rigel_k8s.app import ros1commands, ros2commands
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.ros1commands import Command
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
@@ -19,7 +19,7 @@ def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) 
     if ros == "2":
         return ros2commands.command_of(key, node, files)
     if ros == "1":
-        return commands.command_of(key, node, files)
+        return ros1commands.command_of(key, node, files)
     if node.command is not None:
         return Command(command=split_words(node.command))
     return Command(args=split_words(node.args) if node.args is not None else None)
@@ -27,7 +27,7 @@ def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) 
 
 def program(ros: Ros, node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
-    return ros2commands.program(node) if ros == "2" else commands.program(node)
+    return ros2commands.program(node) if ros == "2" else ros1commands.program(node)
 
 
 def find_program(ros: Ros, node: NodeOptions) -> list[str]:
@@ -42,7 +42,7 @@ def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
     """Return whether names, remappings and parameters can be appended to a command line."""
     if ros == "2":
         return ros2commands.takes_ros_arguments(line)
-    return ros == "1" and commands.takes_ros_arguments(line)
+    return ros == "1" and ros1commands.takes_ros_arguments(line)
 
 
 def run_beside(command: Command, *words: str) -> Command:

@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.commands import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, list_paths, unify_lists
+from rigel_k8s.app.ros1commands import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.starting import (
     begin,
     list_run_steps,

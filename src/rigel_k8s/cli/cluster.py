@@ -20,9 +20,9 @@ def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[str]:  # pragma: no cover - called by the shell
     """Return the existing clusters."""
-    from rigel_k8s.lab import cluster as localcluster
+    from rigel_k8s import lab
 
-    return [name for name in localcluster.names() if name.startswith(incomplete)]
+    return [name for name in lab.cluster.names() if name.startswith(incomplete)]
 
 
 name_option = click.option(
@@ -133,10 +133,10 @@ def print_offers(status: ClusterStatus) -> None:
 @click.pass_context
 def down(ctx: click.Context, /, name: str) -> None:
     """Stop a cluster and delete all of it, with its volumes and images."""
-    from rigel_k8s.lab import cluster as localcluster
+    from rigel_k8s import lab
 
     with steps(ctx) as report:
-        there_was = localcluster.down(name, report=report)
+        there_was = lab.cluster.down(name, report=report)
     click.echo(f"Cluster {name} is deleted" if there_was else f"Cluster {name} does not exist")
 
 
@@ -145,9 +145,9 @@ def down(ctx: click.Context, /, name: str) -> None:
 @json_option
 def status(name: str, output: str) -> int:
     """Show a cluster: nodes, context, registry. Exit code 1 if it does not run."""
-    from rigel_k8s.lab import cluster as localcluster
+    from rigel_k8s import lab
 
-    found = localcluster.status(name)
+    found = lab.cluster.status(name)
     if output == "json":
         print_json(attrs.asdict(found))
         return 0 if found.running else 1
@@ -173,19 +173,19 @@ def status(name: str, output: str) -> int:
 @click.pass_context
 def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
-    from rigel_k8s.lab import cluster as localcluster
+    from rigel_k8s import lab
 
     with steps(ctx) as report:
-        localcluster.load(images, name, report=report)
+        lab.cluster.load(images, name, report=report)
 
 
 @cluster.command()
 @name_option
 def kubeconfig(name: str) -> None:
     """Print a kubeconfig with only this cluster."""
-    from rigel_k8s.lab import cluster as localcluster
+    from rigel_k8s import lab
 
-    click.echo(localcluster.kubeconfig_text(name), nl=False)
+    click.echo(lab.cluster.kubeconfig_text(name), nl=False)
 
 
 @contextmanager

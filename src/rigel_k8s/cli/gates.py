@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rigel_k8s.gate.registry import host_of
+from rigel_gate.registry import host_of
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.rosgraph.gate import GateStatus
 

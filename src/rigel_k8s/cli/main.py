@@ -47,7 +47,7 @@ COMMANDS = {
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
-    "muto": ("muto", "Use stacks of Eclipse Muto, and take its commands."),
+    "muto": ("rigel_muto.cli", "Use stacks of Eclipse Muto, and take its commands."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
@@ -67,7 +67,8 @@ class Commands(click.Group):
         """Import a command, None if the name is unknown."""
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"rigel_k8s.cli.{COMMANDS[cmd_name][0]}")
+        name = COMMANDS[cmd_name][0]
+        module = import_module(name if "." in name else f"rigel_k8s.cli.{name}")
         known = vars(module)  # `exec` and `list` are Python's own names
         command: click.Command = known.get(cmd_name) or known[f"{cmd_name}_"]
         return command

@@ -209,9 +209,9 @@ def down(
     with choose_reporter(ctx) as report:
         words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
         if sequence:
-            from rigel_k8s.commands import sequences
+            from rigel_k8s.commands import fleet
 
-            removed = sequences.down(words, sequence, report, volumes=volumes)
+            removed = fleet.down(words, sequence, report, volumes=volumes)
         else:
             from rigel_k8s.commands import releases
 

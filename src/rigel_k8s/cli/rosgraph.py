@@ -17,7 +17,7 @@ from rigel_k8s.cli.screen import Screen
 from rigel_k8s.cli.words import Timeout, namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.commands.graph import LiveGraph
+    from rigel_k8s.commands.rosgraph import LiveGraph
     from rigel_k8s.rosgraph.drawing.picture import Picture
 
 FORMS = ("text", "json", "dot", "mermaid", "svg")
@@ -66,7 +66,7 @@ def graph(
     Exit code 1 if something is wrong: a node is missing or does not answer, a pod is not ready,
     types of a topic differ.
     """
-    from rigel_k8s.commands import graph as actions
+    from rigel_k8s.commands import rosgraph as actions
 
     form = output or (ENDINGS.get(to.suffix, "text") if to else "text")
     words = settings(ctx)
@@ -104,7 +104,7 @@ def look(
     everything: bool,
 ) -> None:
     """Show the graph on a screen, or append it, until Ctrl-C."""
-    from rigel_k8s.commands import graph as actions
+    from rigel_k8s.commands import rosgraph as actions
     from rigel_k8s.errors import ClusterError
 
     while True:
@@ -145,7 +145,7 @@ def show(text: str, to: Path | None) -> None:
 
 def render(found: LiveGraph, form: str, *, everything: bool) -> str:
     """Return a graph in a form."""
-    from rigel_k8s.commands import graph as actions
+    from rigel_k8s.commands import rosgraph as actions
 
     if form == "json":
         return json.dumps(graph_json(found), indent=2) + "\n"

@@ -11,10 +11,10 @@ import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.discovery import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.cli.gates import gate_lines
-from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.cli.width import find_room, shorten, wrap
-from rigel_k8s.graph.findings import DiscoveryGraph
+from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus

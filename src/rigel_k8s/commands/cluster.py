@@ -8,7 +8,7 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.lab import cluster as localcluster
+from rigel_k8s import lab
 from rigel_k8s.lab import exporter
 
 
@@ -39,12 +39,12 @@ def up(
     data_dir: str | None,
     mirror: str | None,
     report: Callable[[str], None],
-) -> localcluster.ClusterStatus:
-    """Start a cluster, or the parts of it that do not run; see `localcluster.up`.
+) -> lab.cluster.ClusterStatus:
+    """Start a cluster, or the parts of it that do not run; see `lab.cluster.up`.
 
     With "observability" it also serves the ROS exporter, which is built here.
     """
-    return localcluster.up(
+    return lab.cluster.up(
         name,
         nodes,
         extras=extras,

@@ -8,12 +8,12 @@ from difflib import get_close_matches
 
 import attrs
 
+from rigel_k8s.discovery.kinds import GRAPH
 from rigel_k8s.errors import UserError
-from rigel_k8s.graph.kinds import GRAPH
 from rigel_k8s.kinds import KUBECTL, PODS, PROBLEMS, Kind
-from rigel_k8s.muto.agent.kinds import REFUSALS
 from rigel_k8s.network.preflight.kinds import PREFLIGHT
 from rigel_k8s.rosgraph.kinds import ROS_GRAPH
+from rigel_muto.agent.kinds import REFUSALS
 
 _LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
 

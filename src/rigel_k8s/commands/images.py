@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rigel_k8s import lab
 from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.lab import (
@@ -15,7 +16,6 @@ from rigel_k8s.lab import (
     ros1base,
     ros2base,
 )
-from rigel_k8s.lab import cluster as localcluster
 
 
 def ros1_base(
@@ -47,7 +47,7 @@ def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:
         load_image(image, report)
         return image.reference
     name = parse_reference(push)
-    if name.registry in localcluster.registries():
+    if name.registry in lab.cluster.registries():
         push_archive(image.archive, f"{name.repository}:{name.version}", name.registry)
         forget_image(push)  # an earlier cluster at this address may have had another image
         report.progress(push, "pushed", done=True)

@@ -23,7 +23,7 @@ from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
-from rigel_k8s.release.prepare import manifests_to_apply
+from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId, Revision
 from rigel_k8s.report import Reporter

@@ -15,7 +15,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import deploy as deploys
-from rigel_k8s.release.prepare import manifests_to_apply
+from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.types import Plan
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings

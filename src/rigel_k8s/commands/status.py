@@ -8,8 +8,8 @@ from __future__ import annotations
 import attrs
 
 from rigel_k8s.commands.targets import release
-from rigel_k8s.graph.check import survey
-from rigel_k8s.graph.findings import DiscoveryGraph
+from rigel_k8s.discovery.check import survey
+from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
 from rigel_k8s.rosgraph.gate import GateStatus, read_gate

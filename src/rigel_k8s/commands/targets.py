@@ -23,7 +23,6 @@ from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
@@ -33,6 +32,7 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.source import YamlNode
 from rigel_k8s.settings import Application, Settings
+from rigel_muto.agent.options import MutoAgent
 
 NAME_NAMESPACE = "name the namespace with -n; `rigel list -A` lists all releases"
 NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all releases"

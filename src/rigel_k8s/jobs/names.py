@@ -73,7 +73,7 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
         ),
         Builtin(
             "muto-agent",
-            "rigel_k8s.jobs.types.muto_agent:MutoAgentJob",
+            "rigel_muto.job:MutoAgentJob",
             ("rigel_k8s.MutoAgentPlugin",),
         ),
     ),

@@ -147,7 +147,7 @@ def configuration(
     plan: NetworkPlan,
     wired: Wiring,
 ) -> Object:
-    """Return the exporter's configuration; src/rigel_k8s/exporter/config.py reads it."""
+    """Return the exporter's configuration; src/rigel_exporter/config.py reads it."""
     interval = options.interval.seconds if options.interval else None
     fields = {
         "ros": around.ros,

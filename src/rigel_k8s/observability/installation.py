@@ -9,7 +9,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import is_default_class
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.names import RELEASE
-from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION
+from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION
 
 
 def find_namespace(cluster: Cluster) -> str | None:

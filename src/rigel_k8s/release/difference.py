@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release.labelling import HASH_ANNOTATION
 from rigel_k8s.release.plan import substance
-from rigel_k8s.release.prepare import HASH_ANNOTATION
 from rigel_k8s.release.types import Plan, Step
 
 HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")

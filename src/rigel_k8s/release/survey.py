@@ -19,10 +19,10 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.release.ownership import covers
-from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.refusals.foresight import (
     Foreseen,
     Work,

@@ -15,9 +15,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rigel_exporter import dds_names as names
+from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.exporter import dds_names as names
-from rigel_k8s.graph.members import Member
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.rosgraph.inside import read_module, run_inside
@@ -27,18 +27,18 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGra
 
 #: The modules that are sent, each after those that it imports.
 MODULES = (
-    *(f"rigel_k8s.inpod.{name}" for name in ("rtps", "spdp", "interfaces")),
+    *(f"rigel_inpod.{name}" for name in ("rtps", "spdp", "interfaces")),
     *(
-        f"rigel_k8s.exporter.{name}"
+        f"rigel_exporter.{name}"
         for name in (
             *("graph", "dds_headers", "dds_messages", "dds_names", "dds_discovery", "dds_wire"),
             *("dds_reliable", "dds_peer", "dds_samples", "dds_participant", "dds_view"),
             *("dds_ways", "dds"),
         )
     ),
-    "rigel_k8s.rosgraph.scripts.dds_graph",
+    "rigel_exporter.dds_graph",
 )
-PACKAGES = ("rigel_k8s", "rigel_k8s.inpod", "rigel_k8s.exporter")
+PACKAGES = ("rigel_inpod", "rigel_exporter")
 #: Requests to a service: its providers read them, its clients write them.
 REQUEST, REQUESTS = "rq/", "Request"
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import attrs
 
+from rigel_gate.calls import DESCRIBE_GATE
+from rigel_k8s.discovery.looks import reason
+from rigel_k8s.discovery.members import runs
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.gate.calls import DESCRIBE_GATE
-from rigel_k8s.graph.looks import reason
-from rigel_k8s.graph.members import runs
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL

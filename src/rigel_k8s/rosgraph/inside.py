@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
+from rigel_k8s.discovery.looks import reason
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.graph.looks import reason
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.rosgraph.pods import GraphPod
 

@@ -13,7 +13,7 @@ from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.ros1 import PYTHONS, choose_pod
 
-SCRIPT = "rigel_k8s.rosgraph.scripts.ros1_parameters"
+SCRIPT = "rigel_inpod.sent.ros1_parameters"
 
 
 def list_parameters(cluster: Cluster, release: ReleaseId) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.graph.members import find_container, parse_json, runs
+from rigel_k8s.discovery.members import find_container, parse_json, runs
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION, ROS_NAME_ANNOTATION

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import attrs
 
+from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import UserError
-from rigel_k8s.graph.members import members
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId

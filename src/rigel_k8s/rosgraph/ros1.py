@@ -12,8 +12,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rigel_exporter.ros1_traffic import Ledger
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.exporter.ros1_traffic import Ledger
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod
@@ -33,8 +33,8 @@ def read(cluster: Cluster, pods: Sequence[GraphPod]) -> RosGraph:
         ClusterError: no pod runs in which to run the request, or the master does not answer.
     """
     modules = [
-        ("rosrpc", read_module("rigel_k8s.inpod.rosrpc")),
-        ("ros1_graph", read_module("rigel_k8s.rosgraph.scripts.ros1_graph")),
+        ("rosrpc", read_module("rigel_inpod.rosrpc")),
+        ("ros1_graph", read_module("rigel_inpod.sent.ros1_graph")),
     ]
     return parse(run_inside(cluster, choose_pod(pods), modules, pythons=PYTHONS))
 

@@ -195,7 +195,7 @@ def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
     from rigel_k8s.rosgraph.inside import read_module, run_inside
     from rigel_k8s.rosgraph.pods import read_pods
 
-    modules = [("heard", read_module("rigel_k8s.rosgraph.scripts.heard"))]
+    modules = [("heard", read_module("rigel_inpod.sent.heard"))]
     try:
         own = {RELEASE_LABEL: release.name}
         pods = read_pods(cluster.list("v1", "Pod", release.namespace, labels=own))

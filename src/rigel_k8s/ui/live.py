@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 from typing import Any
 
-from rigel_k8s.commands.graph import LiveGraph, look, picture_of
+from rigel_k8s.commands.rosgraph import LiveGraph, look, picture_of
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.failures import Refusal

@@ -175,9 +175,9 @@ class Own:
 
     def start(self, node: str) -> None:
         """Switch a node on again."""
-        from rigel_lab import cluster as localcluster
+        from rigel_lab import cluster as lab
 
-        localcluster.up(self.name, report=print)
+        lab.up(self.name, report=print)
         until(lambda: self.is_up(node), f"return of {node}")
 
     def conf(self, node: str) -> Path:
@@ -202,18 +202,18 @@ def started(
     """How to reach a cluster of two nodes that may be broken, its directory, and k3s'."""
     if os.geteuid() != 0:
         pytest.skip("a cluster of one's own needs root")
-    from rigel_lab import cluster as localcluster
+    from rigel_lab import cluster as lab
 
     name, data_dir = shared.mine("test-own"), request.param
-    localcluster.down(name)  # that of a run that was killed
+    lab.down(name)  # that of a run that was killed
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))
         layout = "k3s" if data_dir else "plain"
         more: dict[str, Any] = {"extras": ("multus",), "layout": layout, "data_dir": data_dir}
-        status = localcluster.up(name, 2, **more, report=print)
+        status = lab.up(name, 2, **more, report=print)
     yield Settings(context=f"rigel-{name}", kubeconfig=kubeconfig), Path(status.logs), data_dir
-    localcluster.down(name, report=print)
+    lab.down(name, report=print)
 
 
 @pytest.fixture(scope="module")

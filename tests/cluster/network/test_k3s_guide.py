@@ -15,7 +15,7 @@ import pytest
 from rigel_k8s.network.multus.removal import remove
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.types import DeployOptions
-from rigel_lab import cluster as localcluster
+from rigel_lab import cluster as lab
 from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
@@ -47,10 +47,10 @@ def laptop(own: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("of k3s only")
     remove(own.cluster, Install(), DeployOptions(report=Recorder()))
     place = tmp_path_factory.mktemp("laptop")
-    (place / "k3s.yaml").write_text(localcluster.kubeconfig_text(own.name))
+    (place / "k3s.yaml").write_text(lab.kubeconfig_text(own.name))
     (rigelfile,) = blocks("yaml")
     (place / "Rigelfile").write_text(rigelfile)
-    registry = localcluster.status(own.name).registry
+    registry = lab.status(own.name).registry
     words = ["image", "ros2-base", "--distro", "jazzy", "--push", f"{registry}/library/ros:jazzy"]
     subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True, timeout=900)
     return place

@@ -125,7 +125,7 @@ def test_loki_is_not_root(place: Place) -> None:
 def test_the_exporter_comes_with_them(place: Place) -> None:
     """The image whose name deployments have by default is pulled and is the exporter."""
     pod = place.start(
-        exporter.UPSTREAM, command=["/usr/bin/python3", "-c", "import rigel_k8s.exporter as e; e"]
+        exporter.UPSTREAM, command=["/usr/bin/python3", "-c", "import rigel_exporter as e; e"]
     )
     place.ended(pod)
 

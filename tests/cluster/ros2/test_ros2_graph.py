@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.graph import check as graph
-from rigel_k8s.graph.findings import DiscoveryGraph
-from rigel_k8s.inpod import scripts
+from rigel_inpod import scripts
+from rigel_k8s.discovery import check as graph
+from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL

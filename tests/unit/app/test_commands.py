@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rigel_k8s.app.commands import LOADER, PARAMETERS_PATH, Command, command_of
+from rigel_k8s.app.ros1commands import LOADER, PARAMETERS_PATH, Command, command_of
 
 from .shapes import container, env, find, options, release
 

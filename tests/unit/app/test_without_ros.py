@@ -7,7 +7,7 @@ import json
 import pytest
 
 from rigel_k8s.app.binding import MASTER_ANNOTATION
-from rigel_k8s.graph.members import member_of
+from rigel_k8s.discovery.members import member_of
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 
 from .shapes import container, find, problems, release

@@ -36,12 +36,12 @@ UNUSED = (
     "regex",
     "rich",
     "rigel_k8s.commands.cluster",
-    "rigel_k8s.exporter",
-    "rigel_k8s.graph",
+    "rigel_exporter",
+    "rigel_k8s.discovery",
     "rigel_k8s.images.docker",
     "rigel_k8s.jobs.rigelstyle",
-    "rigel_k8s.muto.expansion",
-    "rigel_k8s.muto.translation",
+    "rigel_muto.expansion",
+    "rigel_muto.translation",
     "rigel_k8s.network.modes.attached",
     "rigel_k8s.network.modes.discovery_server",
     "rigel_k8s.network.modes.peers",
@@ -77,7 +77,7 @@ def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) 
 
 
 #: What looking at the ROS graph and at the gate needs, and what only deploying needs.
-LOOKING = ("rigel_k8s.graph", "rigel_k8s.network.modes.peers", "xml")
+LOOKING = ("rigel_k8s.discovery", "rigel_k8s.network.modes.peers", "xml")
 DEPLOYING = (
     "rigel_k8s.app.checks",
     "rigel_k8s.app.deploying.prepare",

@@ -10,8 +10,8 @@ import click
 import pytest
 
 from rigel_k8s.cli.tables import ORPHAN, age, headline, status_json, status_text
-from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.graph.words import GraphFinding
+from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
+from rigel_k8s.discovery.words import GraphFinding
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode

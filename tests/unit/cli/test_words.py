@@ -17,7 +17,7 @@ from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
-from rigel_k8s.commands import images, pods, releases, sequences
+from rigel_k8s.commands import fleet, images, pods, releases
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
@@ -227,7 +227,7 @@ def test_down_of_a_sequence(record: Any) -> None:
     ref = ObjectRef("v1", "Service", "r1", "a")
     there, missing = ReleaseId("r1", "app"), ReleaseId("r2", "app")
     plan = Plan(there, (Step("prune", ref),))
-    action = record(sequences, "down", [(there, plan), (missing, Plan(missing, ()))])
+    action = record(fleet, "down", [(there, plan), (missing, Plan(missing, ()))])
     assert call("down", "--sequence", "fleet").stdout == (
         "removed app from r1: 1 object deleted\nthere is no release app in the namespace r2\n"
     )

@@ -12,16 +12,16 @@ from typing import get_args
 
 import pytest
 
+from rigel_exporter.metrics import FAMILIES, LABELS
 from rigel_k8s import errors, signals
-from rigel_k8s.exporter.metrics import FAMILIES, LABELS
-from rigel_k8s.graph.kinds import GRAPH
+from rigel_k8s.discovery.kinds import GRAPH
 from rigel_k8s.kinds import EXIT_CODES, PODS, PROBLEMS, Kind
 from rigel_k8s.kube.failures import Ground
-from rigel_k8s.muto.agent.kinds import REFUSALS
 from rigel_k8s.network.preflight.kinds import PREFLIGHT
 from rigel_k8s.observability.boards.meanings import CONDITIONS, SERIES
 from rigel_k8s.release.rollout.kinds import CAUSES
 from rigel_k8s.rosgraph.kinds import ROS_GRAPH
+from rigel_muto.agent.kinds import REFUSALS
 from tests.support.kinds import SOURCES, Unseen, Use, find_kinds
 from tools.reference import PAGES
 from tools.reference.alerts import list_rules
@@ -116,7 +116,7 @@ def test_the_preflight_s_table_has_what_the_code_does(uses: list[Use]) -> None:
 def test_metrics_have_the_labels_of_their_samples() -> None:
     """Read from the code that makes the samples."""
     found = {}
-    for path in (SOURCES / "exporter").glob("*.py"):
+    for path in (SOURCES / "rigel_exporter").glob("*.py"):
         for function in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(function, ast.FunctionDef):
                 found.update(find_samples(function))
@@ -177,7 +177,7 @@ def sources(tmp_path: Path) -> Path:
 
 def test_a_new_kind_is_found(sources: Path) -> None:
     """As an argument, with its name, and as one of two."""
-    with (sources / "network" / "checks.py").open("a") as module:
+    with (sources / "rigel_k8s" / "network" / "checks.py").open("a") as module:
         module.write(
             'def spoil(x, /):\n    slug = "one" if x else "two"\n'
             '    yield Problem((), "", slug)\n    yield Problem((), "", kind="three")\n'
@@ -189,7 +189,7 @@ def test_a_new_kind_is_found(sources: Path) -> None:
 @pytest.mark.parametrize("argument", ['f"no-{x}"', "x", "pick(x)"])
 def test_a_kind_that_cannot_be_read_is_refused(sources: Path, argument: str) -> None:
     """A computed one, and one that a function which is no maker passes on."""
-    with (sources / "network" / "checks.py").open("a") as module:
+    with (sources / "rigel_k8s" / "network" / "checks.py").open("a") as module:
         module.write(f'def spoil(x):\n    yield Problem((), "", {argument})\n')
     with pytest.raises(Unseen):
         find_kinds(sources)

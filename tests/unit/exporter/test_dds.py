@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.exporter import dds_discovery as discovery
-from rigel_k8s.exporter import dds_messages as messages_of
-from rigel_k8s.exporter import dds_wire as wire
-from rigel_k8s.exporter.dds import Domain
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS
-from rigel_k8s.exporter.dds_participant import NAME, Participant
-from rigel_k8s.exporter.dds_view import graph
-from rigel_k8s.exporter.graph import Graph
-from rigel_k8s.inpod import rtps
-from rigel_k8s.inpod.spdp import Announcement
+from rigel_exporter import dds_discovery as discovery
+from rigel_exporter import dds_messages as messages_of
+from rigel_exporter import dds_wire as wire
+from rigel_exporter.dds import Domain
+from rigel_exporter.dds_discovery import ENDPOINTS
+from rigel_exporter.dds_participant import NAME, Participant
+from rigel_exporter.dds_view import graph
+from rigel_exporter.graph import Graph
+from rigel_inpod import rtps
+from rigel_inpod.spdp import Announcement
 
 PACKETS = Path(__file__).parent / "packets"
 HERE = ("10.9.0.9", 7410)

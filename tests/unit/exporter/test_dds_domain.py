@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from rigel_k8s.exporter import dds_ways
-from rigel_k8s.exporter.dds import Domain
-from rigel_k8s.inpod import rtps
+from rigel_exporter import dds_ways
+from rigel_exporter.dds import Domain
+from rigel_inpod import rtps
 from tests.support.ddspeer import peer, some_domain
 from tests.support.until import until
 

@@ -6,13 +6,13 @@ from struct import pack
 
 import pytest
 
-from rigel_k8s.exporter import dds_discovery as discovery
-from rigel_k8s.exporter import dds_messages as messages
-from rigel_k8s.exporter import dds_wire as wire
-from rigel_k8s.exporter.dds_names import is_service, topic_name, type_name
-from rigel_k8s.exporter.dds_reliable import Incoming, Outgoing
-from rigel_k8s.exporter.dds_samples import Hearing, Source
-from rigel_k8s.inpod import rtps
+from rigel_exporter import dds_discovery as discovery
+from rigel_exporter import dds_messages as messages
+from rigel_exporter import dds_wire as wire
+from rigel_exporter.dds_names import is_service, topic_name, type_name
+from rigel_exporter.dds_reliable import Incoming, Outgoing
+from rigel_exporter.dds_samples import Hearing, Source
+from rigel_inpod import rtps
 
 READER, WRITER = b"\x00\x00\x01\x04", b"\x00\x00\x01\x03"
 OWN, OTHER = b"o" * 12, b"t" * 12

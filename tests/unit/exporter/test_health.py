@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from rigel_k8s.exporter.collection import PATIENCE, Collection
-from rigel_k8s.exporter.config import Config
-from rigel_k8s.exporter.dds_reliable import Change, Incoming
-from rigel_k8s.exporter.dds_wire import Data, Gap, Heartbeat
-from rigel_k8s.exporter.graph import Graph, Samples
-from rigel_k8s.exporter.listening import Listening
+from rigel_exporter.collection import PATIENCE, Collection
+from rigel_exporter.config import Config
+from rigel_exporter.dds_reliable import Change, Incoming
+from rigel_exporter.dds_wire import Data, Gap, Heartbeat
+from rigel_exporter.graph import Graph, Samples
+from rigel_exporter.listening import Listening
 
 
 class Half:

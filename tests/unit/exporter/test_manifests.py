@@ -8,11 +8,11 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_exporter.config import Config
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.checks.exporter import check_exporter
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.exporter.config import Config
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import Desired, ReleaseId

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import rigel_exporter
 from rigel_k8s import __version__
 from rigel_k8s.observability.exporter import DIRECTORY, EXPORTER_IMAGE, FILE
 from rigel_k8s.observability.names import EXPORTER_PORT
@@ -33,7 +34,7 @@ def program(tmp_path: Path) -> Path:
 def run(program: Path, *words: str) -> subprocess.Popen[str]:
     """The program as the image starts it, but without site-packages."""
     return subprocess.Popen(
-        [sys.executable, "-S", "-W", "error", "-m", "rigel_k8s.exporter", *words],
+        [sys.executable, "-S", "-W", "error", "-m", "rigel_exporter", *words],
         env={"PYTHONPATH": str(program), "PATH": "/usr/bin:/bin"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -105,9 +106,14 @@ def test_every_file_is_one_that_python_3_9_reads(program: Path) -> None:
 
 def test_pods_ask_for_the_image_that_is_built() -> None:
     """The name, the configuration's place and the port are said twice: here and there."""
-    from rigel_k8s.exporter.config import PORT
+    from rigel_exporter.config import PORT
     from rigel_lab.images.exporter.build import IMAGE
 
     assert EXPORTER_IMAGE == UPSTREAM
     assert IMAGE.config["Cmd"] == [f"{DIRECTORY}/{FILE}"]
     assert PORT == EXPORTER_PORT
+
+
+def test_its_version_is_that_of_the_command_line() -> None:
+    """It is in an image of its own, where the other packages are not."""
+    assert rigel_exporter.__version__ == __version__

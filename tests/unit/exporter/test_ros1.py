@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from rigel_k8s.exporter import ros1_stream, ros1_topic, ros1_view
-from rigel_k8s.exporter.graph import Graph, Node, Topic
-from rigel_k8s.exporter.ros1 import Ros1
+from rigel_exporter import ros1_stream, ros1_topic, ros1_view
+from rigel_exporter.graph import Graph, Node, Topic
+from rigel_exporter.ros1 import Ros1
 from tests.support.rosgraph import RosGraph, ros_graph, until
 
 TEXT = struct.pack("<I", 5) + b"hello"

@@ -6,9 +6,9 @@ import struct
 
 import pytest
 
-from rigel_k8s.exporter import ros1_messages
-from rigel_k8s.exporter.ros1_stream import decode_header, encode_header
-from rigel_k8s.exporter.ros1_traffic import Ledger, count_growth
+from rigel_exporter import ros1_messages
+from rigel_exporter.ros1_stream import decode_header, encode_header
+from rigel_exporter.ros1_traffic import Ledger, count_growth
 
 
 def text(value: str) -> bytes:

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.exporter.collection import Collection
-from rigel_k8s.exporter.config import Config, ConfigFailed, read
-from rigel_k8s.exporter.graph import Graph, Node, Samples
-from rigel_k8s.exporter.listening import STALE, STATUSES, Listening
-from rigel_k8s.exporter.metrics import FAMILIES, Sample, text
-from rigel_k8s.exporter.serving import Server
+from rigel_exporter.collection import Collection
+from rigel_exporter.config import Config, ConfigFailed, read
+from rigel_exporter.graph import Graph, Node, Samples
+from rigel_exporter.listening import STALE, STATUSES, Listening
+from rigel_exporter.metrics import FAMILIES, Sample, text
+from rigel_exporter.serving import Server
 from tests.support.until import until
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rigel_k8s.exporter.graph import Graph, Master, Node, Topic, Traffic
-from rigel_k8s.exporter.standing import NODES, REMEMBERED, TOPICS, TRAFFIC, Standing
+from rigel_exporter.graph import Graph, Master, Node, Topic, Traffic
+from rigel_exporter.standing import NODES, REMEMBERED, TOPICS, TRAFFIC, Standing
 
 TALKER = Node("/talker", up=True, registered=True)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
+from rigel_gate.calls import Answer, Call
+from rigel_gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
 from tests.support.gate_stage import (
     ASK,
     CHATTER,

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.gate.cluster import KEY, WRITER, ClusterObject, NotKept, Overtaken
+from rigel_gate.cluster import KEY, WRITER, ClusterObject, NotKept, Overtaken
 from tests.support.http_server import Exchange, HttpServer, serving
 
 pytestmark = pytest.mark.skipif(not shutil.which("openssl"), reason="needs openssl")

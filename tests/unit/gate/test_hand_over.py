@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from unittest.mock import patch
 
-from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.links import NodeSilent
-from rigel_k8s.gate.nodes import STOP
-from rigel_k8s.gate.registry import PUBLISHER
+from rigel_gate.calls import Answer, Call
+from rigel_gate.links import NodeSilent
+from rigel_gate.nodes import STOP
+from rigel_gate.registry import PUBLISHER
 from tests.support.gate_stage import (
     ASK,
     CHATTER,
@@ -163,7 +163,7 @@ async def test_the_newcomer_takes_over_at_once_when_the_old_node_dies(world: Wor
 @play
 async def test_the_newcomer_takes_over_at_once_when_the_old_node_takes_leave(world: World) -> None:
     """A free name does not wait for the next look."""
-    with patch("rigel_k8s.gate.gate.LOOK", 1000):
+    with patch("rigel_gate.gate.LOOK", 1000):
         old, new = await up(world, TALKER), await up(world, TALKER)
     await old.nodes[0].leave()
     await asyncio.sleep(0.05)
@@ -173,7 +173,7 @@ async def test_the_newcomer_takes_over_at_once_when_the_old_node_takes_leave(wor
 @play
 async def test_the_name_of_a_node_that_has_ended_is_free_at_once(world: World) -> None:
     """A newcomer that registers after the old node's end does not wait for a look."""
-    with patch("rigel_k8s.gate.gate.LOOK", 1000):
+    with patch("rigel_gate.gate.LOOK", 1000):
         old = await up(world, TALKER)
     old.nodes[0].end()
     new = await up(world, TALKER)
@@ -198,7 +198,7 @@ async def test_of_two_that_find_a_name_free_the_first_one_gets_it(world: World) 
 @play
 async def test_the_name_of_a_node_that_ended_with_the_master_is_free(world: World) -> None:
     """The new master never learns it; who waits for it gets it at the next look."""
-    with patch("rigel_k8s.gate.gate.LOOK", 30):
+    with patch("rigel_gate.gate.LOOK", 30):
         old, new = await up(world, TALKER), await up(world, TALKER)
     world.kill_master()
     old.nodes[0].end()
@@ -424,7 +424,7 @@ async def test_a_fault_in_a_look_ends_no_hand_over(world: World) -> None:
 
     world.connect = connect  # type: ignore[method-assign]
     await asyncio.sleep(0.5)
-    with patch("rigel_k8s.gate.nodes.Nodes.send_again", side_effect=RuntimeError("in a look")):
+    with patch("rigel_gate.nodes.Nodes.send_again", side_effect=RuntimeError("in a look")):
         await asyncio.sleep(0.3)
     faults = ("in a look at a node", "in a look")
     assert {f"error: RuntimeError('{fault}')" for fault in faults} <= set(world.log)

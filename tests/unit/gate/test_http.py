@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.gate import http
-from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.http import Door, HttpLinks, place_of
-from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
+from rigel_gate import http
+from rigel_gate.calls import Answer, Call
+from rigel_gate.http import Door, HttpLinks, place_of
+from rigel_gate.links import MasterGone, NodeGone, NodeSilent
 
 LOCAL = "127.0.0.1"
 BODY = Call("echo", ("/me", "hello")).body

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.gate import __main__ as program
-from rigel_k8s.gate import memory
-from rigel_k8s.gate.__main__ import Keeper
-from rigel_k8s.gate.cluster import NotKept, Overtaken
-from rigel_k8s.gate.memory import Journal, compress, decompress, line_of, replay
-from rigel_k8s.gate.state import Event, State, pack
+from rigel_gate import __main__ as program
+from rigel_gate import memory
+from rigel_gate.__main__ import Keeper
+from rigel_gate.cluster import NotKept, Overtaken
+from rigel_gate.memory import Journal, compress, decompress, line_of, replay
+from rigel_gate.state import Event, State, pack
 
 EVENTS: list[Event] = [
     ["run", "run 1"],

@@ -6,8 +6,8 @@ import asyncio
 
 import pytest
 
-from rigel_k8s.gate.calls import GATE, Call
-from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
+from rigel_gate.calls import GATE, Call
+from rigel_gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
 from tests.support.gate_world import ROSCPP, ROSPY, SimNode, SimPod, World, run
 
 PLANS = {

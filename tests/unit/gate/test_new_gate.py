@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from rigel_k8s.gate.calls import Call, call_of
-from rigel_k8s.gate.registry import SERVICE, Registration
+from rigel_gate.calls import Call, call_of
+from rigel_gate.registry import SERVICE, Registration
 from tests.support.gate_stage import (
     ASK,
     CHATTER,

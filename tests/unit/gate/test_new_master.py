@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 
-from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.links import MasterGone
-from rigel_k8s.gate.registry import PUBLISHER
+from rigel_gate.calls import Answer, Call
+from rigel_gate.links import MasterGone
+from rigel_gate.registry import PUBLISHER
 from tests.support.gate_stage import (
     ASK,
     CHATTER,

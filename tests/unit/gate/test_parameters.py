@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.gate.parameters import Parameters, leaves
-from rigel_k8s.gate.recovery import batch, find_lost_parameters, is_same_node
-from rigel_k8s.gate.registry import (
+from rigel_gate.parameters import Parameters, leaves
+from rigel_gate.recovery import batch, find_lost_parameters, is_same_node
+from rigel_gate.registry import (
     PARAMETER,
     PUBLISHER,
     SERVICE,
@@ -18,7 +18,7 @@ from rigel_k8s.gate.registry import (
     host_of,
     resolve_name,
 )
-from rigel_k8s.gate.state import State, pack, unpack
+from rigel_gate.state import State, pack, unpack
 
 
 def tree(*pairs: tuple[str, Any]) -> Parameters:

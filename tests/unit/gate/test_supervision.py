@@ -1,4 +1,4 @@
-"""`python -m rigel_k8s.gate` as a process: its worker, its signals, its ports, its journal."""
+"""`python -m rigel_gate` as a process: its worker, its signals, its ports, its journal."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ import attrs
 import pytest
 
 import rigel_k8s
-from rigel_k8s.gate.__main__ import listen
-from rigel_k8s.gate.program import program
+from rigel_gate.__main__ import listen
+from rigel_gate.program import program
 from tests.support.pythons import find_python
 from tests.support.rosgraph import RosGraph, ros_graph
 from tests.support.until import until
@@ -34,7 +34,7 @@ def early():
     first.append(worker)
     return worker
 os.fork = early
-from rigel_k8s.gate.__main__ import main
+from rigel_gate.__main__ import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -89,7 +89,7 @@ def begin(tmp_path: Path, graph: RosGraph) -> Iterator[Callable[..., Running]]:
             *, code: str = "", python: str = sys.executable, port: int = 0, path: str = ""
         ) -> Running:
             port = port or free_port()
-            words = ["-c", code] if code else ["-m", "rigel_k8s.gate"]
+            words = ["-c", code] if code else ["-m", "rigel_gate"]
             words += ["--port", str(port), "--hand-over-port", str(free_port())]
             words += ["--master-port", str(graph.master.port)]
             process = subprocess.Popen(
@@ -214,7 +214,7 @@ def test_the_mounted_files_run_on_python_3_8(
     begin: Callable[..., Running], tmp_path: Path, graph: RosGraph
 ):
     """An official ROS image has no other Python, and nothing of this package."""
-    room = tmp_path / "mounted" / "rigel_k8s" / "gate"
+    room = tmp_path / "mounted" / "rigel_gate"
     room.mkdir(parents=True)
     for name, text in program().items():
         (room / name).write_text(text)

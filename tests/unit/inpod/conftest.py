@@ -10,10 +10,10 @@ from types import ModuleType
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 from tests.support.pythons import find_python
 
-ROOM = Path(rigel_k8s.inpod.__file__).parent
+ROOM = Path(rigel_inpod.__file__).parent
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 from tests.support.pythons import find_python
 from tests.support.rosgraph import Rpc
 
-ROOM = Path(rigel_k8s.inpod.__file__).parent
+ROOM = Path(rigel_inpod.__file__).parent
 HOST = os.uname().nodename
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-KEEP = Path(rigel_k8s.inpod.__file__).parent / "keep.sh"
+KEEP = Path(rigel_inpod.__file__).parent / "keep.sh"
 
 #: Moves the clock on by the seconds of its line in `lives`; ends with the line's code.
 PROGRAM = """

@@ -14,9 +14,9 @@ from typing import Any
 import attrs
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+SCRIPTS = Path(rigel_inpod.__file__).parent
 OLD, OWN, NEW = "t100_talker_old", "t200_talker_own", "t300_talker_new"
 
 

@@ -11,9 +11,9 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-READY = Path(rigel_k8s.inpod.__file__).parent / "ready.py"
+READY = Path(rigel_inpod.__file__).parent / "ready.py"
 
 
 class Handler(SimpleXMLRPCRequestHandler):

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-START = Path(rigel_k8s.inpod.__file__).parent / "roscore.sh"
+START = Path(rigel_inpod.__file__).parent / "roscore.sh"
 #: What the real one does: it starts roslaunch with its arguments.
 ROSCORE = "import sys, roslaunch.launch as launch\nprint(launch._TIMEOUT_MASTER_START, sys.argv)\n"
 

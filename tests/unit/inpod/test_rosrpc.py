@@ -14,7 +14,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
 VALUES = [
     "",
@@ -31,7 +31,7 @@ VALUES = [
 @pytest.fixture(scope="module")
 def rosrpc() -> ModuleType:
     """The module as it is mounted; it belongs to no package there."""
-    path = Path(rigel_k8s.inpod.__file__).parent / "rosrpc.py"
+    path = Path(rigel_inpod.__file__).parent / "rosrpc.py"
     spec = importlib.util.spec_from_file_location("rosrpc", path)
     assert spec
     assert spec.loader

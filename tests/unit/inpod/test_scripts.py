@@ -13,10 +13,10 @@ from types import ModuleType
 
 import pytest
 
-import rigel_k8s.inpod
-from rigel_k8s.inpod import MOUNT_PATH, scripts
+import rigel_inpod
+from rigel_inpod import MOUNT_PATH, scripts
 
-ROOM = Path(rigel_k8s.inpod.__file__).parent
+ROOM = Path(rigel_inpod.__file__).parent
 MANUAL = Path(__file__).parents[3] / "docs" / "in-pod-scripts.md"
 
 

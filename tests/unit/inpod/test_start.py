@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-START = Path(rigel_k8s.inpod.__file__).parent / "start.sh"
+START = Path(rigel_inpod.__file__).parent / "start.sh"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 #: What ROS 1 has: knows one package.
 ROSPACK = (

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-import rigel_k8s.inpod
+import rigel_inpod
 
-STOP = Path(rigel_k8s.inpod.__file__).parent / "stop.sh"
+STOP = Path(rigel_inpod.__file__).parent / "stop.sh"
 
 #: Says when it got which signal; `deaf` ones go on after SIGINT.
 NODE = """

@@ -10,10 +10,10 @@ import pytest
 
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import job_of
-from rigel_k8s.muto import archives
-from rigel_k8s.muto.nodes import CARRIED, LOST
-from rigel_k8s.muto.stack import SECTIONS
 from rigel_k8s.settings import Settings
+from rigel_muto import archives
+from rigel_muto.nodes import CARRIED, LOST
+from rigel_muto.stack import SECTIONS
 
 from .shapes import FOLDER
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.muto import library
-from rigel_k8s.muto.library import Library, NotFound
-from rigel_k8s.muto.opening import open_stack
+from rigel_muto import library
+from rigel_muto.library import Library, NotFound
+from rigel_muto.opening import open_stack
 
 
 def write(directory: Path, name: str, identifier: str) -> None:

@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands import muto, rigelfiles
+from rigel_k8s.commands import rigelfiles
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.converting import Target
-from rigel_k8s.muto.options import Muto
 from rigel_k8s.settings import Settings
+from rigel_muto import commands as muto
+from rigel_muto.converting import Target
+from rigel_muto.options import Muto
 
 from .shapes import FOLDER
 

@@ -14,11 +14,11 @@ from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import TargetJob, job_of, names_of
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
-from rigel_k8s.muto.opening import write_data
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
+from rigel_muto.opening import write_data
 
 from .shapes import FOLDER, SAMPLES
 

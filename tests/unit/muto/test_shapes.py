@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.commands import muto
-from rigel_k8s.muto.converting import Target
-from rigel_k8s.muto.opening import open_stack
-from rigel_k8s.muto.options import Muto
-from rigel_k8s.muto.remarks import Remark
-from rigel_k8s.muto.translation import translate
+from rigel_muto import commands as muto
+from rigel_muto.converting import Target
+from rigel_muto.opening import open_stack
+from rigel_muto.options import Muto
+from rigel_muto.remarks import Remark
+from rigel_muto.translation import translate
 
 from .shapes import FOLDER
 from .test_option import objects_of

@@ -16,14 +16,14 @@ from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import job_of, names_of
 from rigel_k8s.errors import ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import prepare_job
-from rigel_k8s.muto import ditto as http
-from rigel_k8s.muto.ditto import Access
-from rigel_k8s.muto.library import NotFound
-from rigel_k8s.muto.remarks import Unreadable
-from rigel_k8s.muto.twin import Twin
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
+from rigel_muto import ditto as http
+from rigel_muto.ditto import Access
+from rigel_muto.library import NotFound
+from rigel_muto.remarks import Unreadable
+from rigel_muto.twin import Twin
 from tests.support.http_server import Exchange, HttpServer, serving
 
 SECRET = "s3cret"

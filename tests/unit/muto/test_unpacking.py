@@ -10,9 +10,9 @@ import zipfile
 
 import pytest
 
-from rigel_k8s.muto import unpacking
-from rigel_k8s.muto.unpacking import BadArchive, check_tree, enter, flatten, unpack
 from rigel_k8s.system.trees import Directory, File, Link
+from rigel_muto import unpacking
+from rigel_muto.unpacking import BadArchive, check_tree, enter, flatten, unpack
 
 from .packing import WORKSPACE, make_member, make_tar, pack, pack_zip
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.release.prepare import manifests_to_apply
+from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.quotas import Change, find_excess
 from rigel_k8s.release.refusals.usage import list_changes

@@ -10,7 +10,7 @@ import pytest
 
 from rigel_k8s.kube.failures import Conflict, Missing, refusal
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release.prepare import manifests_to_apply
+from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check, explain, find_conflicts, find_unowned
 from rigel_k8s.release.survey import Survey

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from rigel_k8s.commands.graph import LiveGraph
+from rigel_k8s.commands.rosgraph import LiveGraph
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph

@@ -11,7 +11,7 @@ import attrs
 import pytest
 
 from rigel_k8s.cli import main, rosgraph, screen
-from rigel_k8s.commands import graph as actions
+from rigel_k8s.commands import rosgraph as actions
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.observability.reading.prometheus import Sample

@@ -11,14 +11,14 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_exporter.dds_discovery import ENDPOINTS
+from rigel_exporter.dds_graph import describe
+from rigel_exporter.dds_participant import Participant
+from rigel_inpod.spdp import Announcement
+from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS
-from rigel_k8s.exporter.dds_participant import Participant
-from rigel_k8s.graph.members import Member
-from rigel_k8s.inpod.spdp import Announcement
 from rigel_k8s.rosgraph import dds, inside
 from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.scripts.dds_graph import describe
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch
 from tests.support.ddspeer import peer, some_domain
 from tests.support.pythons import find_python

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.cli.rosgraph import FORMS, render
-from rigel_k8s.commands.graph import picture_of
+from rigel_k8s.commands.rosgraph import picture_of
 from rigel_k8s.rosgraph.drawing.columns import Shape
 from rigel_k8s.rosgraph.drawing.layout import Layout, lay_out
 from rigel_k8s.rosgraph.drawing.picture import make_picture

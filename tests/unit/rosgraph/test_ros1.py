@@ -17,8 +17,8 @@ from tests.support.rosgraph import ros_graph
 from .local import POD, LocalCluster
 
 MODULES = [
-    ("rosrpc", inside.read_module("rigel_k8s.inpod.rosrpc")),
-    ("ros1_graph", inside.read_module("rigel_k8s.rosgraph.scripts.ros1_graph")),
+    ("rosrpc", inside.read_module("rigel_inpod.rosrpc")),
+    ("ros1_graph", inside.read_module("rigel_inpod.sent.ros1_graph")),
 ]
 
 

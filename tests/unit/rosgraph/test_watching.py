@@ -10,13 +10,13 @@ from unittest.mock import Mock
 
 import pytest
 
+from rigel_exporter.metrics import Sample, text
+from rigel_exporter.serving import Server
+from rigel_inpod.sent import heard
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.exporter.metrics import Sample, text
-from rigel_k8s.exporter.serving import Server
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
-from rigel_k8s.rosgraph.scripts import heard
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 RELEASE = ReleaseId("robots", "explorer")

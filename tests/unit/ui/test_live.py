@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.commands.graph import LiveGraph
+from rigel_k8s.commands.rosgraph import LiveGraph
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal

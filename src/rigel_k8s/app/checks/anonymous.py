@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from rigel_k8s.app.commands import SHELLS, full_name
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.programs import find_program
+from rigel_k8s.app.ros1commands import SHELLS, full_name
 from rigel_k8s.app.updating import find_clash, is_rolling
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import Volume

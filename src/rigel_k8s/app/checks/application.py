@@ -23,7 +23,6 @@ from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.parameters import check_global_parameters
 from rigel_k8s.app.checks.patches import check_patch
-from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import guess_distro, ros_of
 from rigel_k8s.app.gate import has_gate
@@ -31,6 +30,7 @@ from rigel_k8s.app.globalparameters import list_keys, setter_name
 from rigel_k8s.app.networkpolicy.checks import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.ros1commands import full_name
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
     find_application_obstacle,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import PurePosixPath
 
-from rigel_k8s.app.commands import SHELLS
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.ros1commands import SHELLS
 from rigel_k8s.app.starting import split
 from rigel_k8s.problems import Problem
 

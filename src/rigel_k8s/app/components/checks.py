@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.components.options import Component
 from rigel_k8s.app.components.running import dotted
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import is_list_of_one_type
 from rigel_k8s.app.programs import find_program, takes_ros_arguments
+from rigel_k8s.app.ros1commands import full_name
 from rigel_k8s.app.updating import is_rolling
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.scalars import RosName

@@ -11,11 +11,11 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.app.commands import Command, full_name
 from rigel_k8s.app.components.options import Component
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, tree, unify_lists
 from rigel_k8s.app.programs import run_beside
+from rigel_k8s.app.ros1commands import Command, full_name
 from rigel_k8s.app.starting import complete_file
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.substitution_args import has_substitution

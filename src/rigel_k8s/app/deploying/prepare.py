@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 
+from rigel_gate.program import program
+from rigel_inpod import scripts
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.architectures import find_unfit_machines
 from rigel_k8s.app.deploying.digests import pins
@@ -23,9 +25,7 @@ from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import UserError
-from rigel_k8s.gate.program import program
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.inpod import scripts
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of

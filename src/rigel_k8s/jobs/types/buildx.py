@@ -149,9 +149,9 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
     if options.insecure:
         insecure.add(parse_reference(options.image).registry)
     if any(map(is_private, build.registries())):
-        from rigel_k8s.lab import cluster as localcluster
+        from rigel_k8s import lab
 
-        insecure |= localcluster.registries()
+        insecure |= lab.cluster.registries()
     return Session(
         directory=directory,
         environ=dict(os.environ),

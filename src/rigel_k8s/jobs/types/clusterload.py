@@ -8,9 +8,9 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from rigel_k8s import lab
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.process import stream
-from rigel_k8s.lab import cluster as localcluster
 from rigel_k8s.settings import Settings
 
 
@@ -24,8 +24,8 @@ def load_archive(
         RigelK8sError: the program that loads is missing or failed.
     """
     own = context.removeprefix("rigel-")
-    if context.startswith("rigel-") and own in localcluster.names():
-        localcluster.load([str(archive)], own, report=report)
+    if context.startswith("rigel-") and own in lab.cluster.names():
+        lab.cluster.load([str(archive)], own, report=report)
         return
     words = _command(archive, context)
     if shutil.which(words[0]) is None:

@@ -10,8 +10,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigel_inpod import MOUNT_PATH
 from rigel_k8s.app.distros import ros_of as ros_of_distro
-from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 

@@ -239,7 +239,7 @@ def _check_graph(prepared: Preparation, cluster: Cluster, job: JobContext) -> No
     """Check that DDS nodes discover each other; ROS 1 nodes find each other by their master."""
     if ros_of(job.application.distro, prepared.options.ros) == "1":
         return
-    from rigel_k8s.graph.check import check as check_graph
+    from rigel_k8s.discovery.check import check as check_graph
 
     check_graph(prepared.desired.release, cluster, job.report, job.cancel)
 

@@ -11,7 +11,7 @@ from rigel_lab.images.exporter.program import entries
 IMAGE = ProgramImage(
     name="ros-exporter",
     title="ROS exporter's image",
-    module="rigel_k8s.exporter",
+    module="rigel_exporter",
     arguments=["/etc/ros-exporter/config.json"],
 )
 REFERENCE, UPSTREAM = IMAGE.reference, IMAGE.upstream

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from pathlib import Path
 
 from rigel_k8s.system.oci import Entry
 from rigel_lab.images.base.program import ETC, PREFIX
@@ -13,11 +14,13 @@ _SCRIPTS = ("__init__.py", "interfaces.py", "rosrpc.py", "rtps.py", "spdp.py")
 
 def entries() -> tuple[Entry, ...]:
     """Return all files, sorted by path."""
-    own = files("rigel_k8s")
-    parts = ["__init__.py", *(f"inpod/{name}" for name in _SCRIPTS)]
-    parts += [f"exporter/{p.name}" for p in (own / "exporter").iterdir() if p.name.endswith(".py")]
-    program = (
-        Entry(f"{PREFIX}/rigel_k8s/{part}", own.joinpath(*part.split("/")).read_bytes())
-        for part in sorted(parts)
+    parts = [files("rigel_inpod") / name for name in _SCRIPTS]
+    parts += [p for p in files("rigel_exporter").iterdir() if p.name.endswith(".py")]
+    program = sorted(
+        (
+            Entry(f"{PREFIX}/{path.parent.name}/{path.name}", path.read_bytes())
+            for path in map(Path, map(str, parts))
+        ),
+        key=lambda entry: entry.path,
     )
     return (*ETC, *program)

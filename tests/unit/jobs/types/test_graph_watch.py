@@ -10,8 +10,8 @@ import attrs
 import pytest
 
 from rigel_k8s import kube
+from rigel_k8s.discovery import check as discovery
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
-from rigel_k8s.graph import check as discovery
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release import deploy as deploys

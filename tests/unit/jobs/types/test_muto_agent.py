@@ -13,12 +13,12 @@ from rigel_k8s import kube
 from rigel_k8s.app.rights import need_to_deploy
 from rigel_k8s.commands.rigelfiles import check
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.jobs.types.muto_agent import check_fit
-from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.objects.rights import find_missing
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
+from rigel_muto.agent.options import MutoAgent
+from rigel_muto.job import check_fit
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
 from tests.support.running import run_job

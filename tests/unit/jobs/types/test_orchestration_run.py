@@ -11,8 +11,8 @@ import pytest
 
 from rigel_k8s import kube
 from rigel_k8s.app.deploying import places, results, secrets
+from rigel_k8s.discovery import check as graph
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
-from rigel_k8s.graph import check as graph
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.network.multus import install as network_install

@@ -10,10 +10,10 @@ import zipfile
 from pathlib import Path
 
 from rigel_k8s import __version__
-from rigel_k8s.muto.agent.manifests import AGENT_IMAGE
 from rigel_lab.images.base.program import PREFIX
 from rigel_lab.images.mutoagent import UPSTREAM, list_package, read_lock
 from rigel_lab.images.mutoagent.program import list_wheels
+from rigel_muto.agent.manifests import AGENT_IMAGE
 
 ROOT = Path(__file__).parents[4]
 
@@ -45,7 +45,7 @@ def test_the_package_in_the_image_runs(tmp_path: Path) -> None:
         path.write_bytes(entry.content)
     environ = {**os.environ, "PYTHONPATH": str(tmp_path / PREFIX)}
     code = (
-        "import rigel_k8s.jobs.types.orchestration, rigel_k8s.cli.muto, rigel_k8s;"
+        "import rigel_k8s.jobs.types.orchestration, rigel_muto.cli, rigel_k8s;"
         "print(rigel_k8s.__version__, rigel_k8s.__file__)"
     )
     done = subprocess.run(

@@ -8,14 +8,14 @@ from contextlib import contextmanager
 
 import attrs
 
-from rigel_k8s.muto.agent.address import Address, Login
-from rigel_k8s.muto.agent.broker import Broker
-from rigel_k8s.muto.agent.commands import Start
-from rigel_k8s.muto.agent.protocols.ditto import Ditto
-from rigel_k8s.muto.agent.protocols.exchange import Dialect
-from rigel_k8s.muto.agent.protocols.ros1 import Ros1
-from rigel_k8s.muto.agent.protocols.symphony import Symphony
-from rigel_k8s.muto.agent.serving import serve
+from rigel_muto.agent.address import Address, Login
+from rigel_muto.agent.broker import Broker
+from rigel_muto.agent.commands import Start
+from rigel_muto.agent.protocols.ditto import Ditto
+from rigel_muto.agent.protocols.exchange import Dialect
+from rigel_muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.protocols.symphony import Symphony
+from rigel_muto.agent.serving import serve
 from tests.support.recorder import Recorder
 from tests.support.until import until
 

@@ -12,17 +12,17 @@ import attrs
 import pytest
 
 from rigel_k8s import kube
-from rigel_k8s.commands.mutoagent import application
-from rigel_k8s.commands.mutoagent import executor as executors
-from rigel_k8s.commands.mutoagent.application import Application
-from rigel_k8s.commands.mutoagent.executor import Executor
-from rigel_k8s.muto.agent.allowance import Allowance
-from rigel_k8s.muto.agent.memory import Memory
-from rigel_k8s.muto.agent.wanted import Record
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import reading
 from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
+from rigel_muto.agent.allowance import Allowance
+from rigel_muto.agent.memory import Memory
+from rigel_muto.agent.wanted import Record
+from rigel_muto.execution import executor as executors
+from rigel_muto.execution import target
+from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.target import Application
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
 from tests.support.until import until
@@ -90,7 +90,7 @@ def agent(
 ) -> Iterator[Agent]:
     """An agent whose Rigelfile deploys the release `robot` into the namespace `n`."""
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
-    monkeypatch.setattr(application, "connect", lambda settings: fake)
+    monkeypatch.setattr(target, "connect", lambda settings: fake)
     monkeypatch.setattr(reading, "read_graph", lambda cluster, release: RosGraph())
     monkeypatch.setattr(executors, "LOOK", 0.1)
     look = Application.look

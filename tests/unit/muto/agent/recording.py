@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rigel_k8s.muto.agent.commands import (
+from rigel_muto.agent.commands import (
     Command,
     ComponentState,
     Message,
@@ -14,9 +14,9 @@ from rigel_k8s.muto.agent.commands import (
     Query,
     Stage,
 )
-from rigel_k8s.muto.agent.deliveries import Delivery
-from rigel_k8s.muto.agent.protocols.exchange import Arrival, Dialect
-from rigel_k8s.muto.agent.serving import answer
+from rigel_muto.agent.deliveries import Delivery
+from rigel_muto.agent.protocols.exchange import Arrival, Dialect
+from rigel_muto.agent.serving import answer
 from tests.support.recorder import Recorder
 
 NODE = {"name": "talker", "pkg": "demo", "exec": "talker"}

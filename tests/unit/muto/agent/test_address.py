@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.agent.address import Address, Login, read_address
+from rigel_muto.agent.address import Address, Login, read_address
 
 
 @pytest.mark.parametrize(

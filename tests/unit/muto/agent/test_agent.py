@@ -16,14 +16,14 @@ from typing import Any
 import pytest
 from paho.mqtt.client import MQTTv311
 
-from rigel_k8s.commands.mutoagent import serving
-from rigel_k8s.commands.mutoagent.health import serve_health
-from rigel_k8s.commands.mutoagent.serving import read_login
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.agent.address import Login
-from rigel_k8s.muto.agent.allowance import Allowance
-from rigel_k8s.muto.agent.manifests import PROBE
 from rigel_k8s.settings import Settings
+from rigel_muto.agent.address import Login
+from rigel_muto.agent.allowance import Allowance
+from rigel_muto.agent.manifests import PROBE
+from rigel_muto.execution import serving
+from rigel_muto.execution.health import serve_health
+from rigel_muto.execution.serving import read_login
 from tests.support.controllers import running as running_pod
 from tests.support.controllers import unready
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running

@@ -15,9 +15,9 @@ import pytest
 from paho.mqtt.client import MQTTv311
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.agent.address import Address, Login
-from rigel_k8s.muto.agent.broker import Broker
-from rigel_k8s.muto.agent.commands import Command, Outcome, Stage, Start, Unavailable
+from rigel_muto.agent.address import Address, Login
+from rigel_muto.agent.broker import Broker
+from rigel_muto.agent.commands import Command, Outcome, Stage, Start, Unavailable
 from tests.support.certificates import AUTHORITY, SERVER, Authority
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running
 from tests.support.recorder import Recorder
@@ -251,7 +251,7 @@ def test_messages_that_no_one_keeps_do_not_fill_the_memory(
     mosquitto: Mosquitto, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is too much is left out; a command that the broker keeps is not."""
-    monkeypatch.setattr("rigel_k8s.muto.agent.broker.MOST_WAITING", 0)
+    monkeypatch.setattr("rigel_muto.agent.broker.MOST_WAITING", 0)
     with agent(mosquitto.port) as running_agent, Peer(mosquitto.port) as peer:
         for number in range(5):
             peer.send(START, name(number), qos=0)

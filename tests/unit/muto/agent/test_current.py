@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.muto.agent import current
-from rigel_k8s.muto.agent.current import Announcer, describe_current
-from rigel_k8s.muto.agent.wanted import Record
-from rigel_k8s.muto.ditto import Access, Ditto
+from rigel_muto.agent import current
+from rigel_muto.agent.current import Announcer, describe_current
+from rigel_muto.agent.wanted import Record
+from rigel_muto.ditto import Access, Ditto
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.recorder import Recorder
 from tests.support.until import until

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.muto.agent.commands import Apply, Kill, Outcome, Query, Stage, Start
-from rigel_k8s.muto.agent.protocols.ditto import Ditto
-from rigel_k8s.muto.agent.protocols.exchange import Arrival
+from rigel_muto.agent.commands import Apply, Kill, Outcome, Query, Stage, Start
+from rigel_muto.agent.protocols.ditto import Ditto
+from rigel_muto.agent.protocols.exchange import Arrival
 
 from .recording import STACK, Remembering, give
 

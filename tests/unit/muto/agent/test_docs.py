@@ -6,9 +6,9 @@ import json
 import re
 from pathlib import Path
 
-from rigel_k8s.muto.agent.commands import Start
-from rigel_k8s.muto.agent.protocols.ditto import Ditto
-from rigel_k8s.muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.commands import Start
+from rigel_muto.agent.protocols.ditto import Ditto
+from rigel_muto.agent.protocols.ros1 import Ros1
 
 from .recording import Remembering, give
 

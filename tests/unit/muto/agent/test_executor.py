@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.mutoagent import executor as executors
-from rigel_k8s.commands.mutoagent.application import Application, describe_revision
-from rigel_k8s.commands.mutoagent.executor import Executor, describe
 from rigel_k8s.errors import ClusterError, NotFoundError, RigelK8sError
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.muto.agent.allowance import Allowance
-from rigel_k8s.muto.agent.commands import Apply, Kill, Outcome, Stage, Start, Unavailable
-from rigel_k8s.muto.agent.memory import Memory
-from rigel_k8s.muto.agent.wanted import Record, Wanted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
 from rigel_k8s.settings import Settings
+from rigel_muto.agent.allowance import Allowance
+from rigel_muto.agent.commands import Apply, Kill, Outcome, Stage, Start, Unavailable
+from rigel_muto.agent.memory import Memory
+from rigel_muto.agent.wanted import Record, Wanted
+from rigel_muto.execution import executor as executors
+from rigel_muto.execution.executor import Executor, describe
+from rigel_muto.execution.target import Application, describe_revision
 from tests.support.controllers import crash_status, running, unready
 from tests.support.releases import down, rollback
 from tests.support.until import until

@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.mutoagent.application import Application
-from rigel_k8s.commands.mutoagent.executor import Executor
-from rigel_k8s.muto.agent import serving
-from rigel_k8s.muto.agent.deliveries import Delivery
-from rigel_k8s.muto.agent.protocols.exchange import Arrival, Dialect
-from rigel_k8s.muto.agent.protocols.ros1 import Ros1
-from rigel_k8s.muto.agent.wanted import Wanted
 from rigel_k8s.settings import Settings
+from rigel_muto.agent import serving
+from rigel_muto.agent.deliveries import Delivery
+from rigel_muto.agent.protocols.exchange import Arrival, Dialect
+from rigel_muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.wanted import Wanted
+from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.target import Application
 from tests.support.recorder import Recorder
 
 from . import test_ditto as ditto

@@ -11,14 +11,14 @@ import pytest
 import yaml
 
 from rigel_k8s.commands.rigelfiles import check
-from rigel_k8s.muto.agent.manifests import agent_objects
-from rigel_k8s.muto.agent.options import MutoAgent, check_options
 from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Settings
+from rigel_muto.agent.manifests import agent_objects
+from rigel_muto.agent.options import MutoAgent, check_options
 
 GOLDEN = Path(__file__).parent / "golden"
 AROUND = ReleaseContext("robots", "muto-agent", None, "", "none")

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.mutoagent.questions import NOT_FOUND, answer
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.agent.commands import Query
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
+from rigel_muto.agent.commands import Query
+from rigel_muto.execution.questions import NOT_FOUND, answer
 
 STRING = "std_msgs/String"
 GRAPH = RosGraph(

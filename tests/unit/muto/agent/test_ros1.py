@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.muto.agent.commands import Apply, Kill, Message, Outcome, Query, Stage, Start
-from rigel_k8s.muto.agent.payloads import MOST_BYTES
-from rigel_k8s.muto.agent.protocols.exchange import Arrival
-from rigel_k8s.muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.commands import Apply, Kill, Message, Outcome, Query, Stage, Start
+from rigel_muto.agent.payloads import MOST_BYTES
+from rigel_muto.agent.protocols.exchange import Arrival
+from rigel_muto.agent.protocols.ros1 import Ros1
 
 from .recording import NODE, STACK, Remembering, give
 

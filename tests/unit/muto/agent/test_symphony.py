@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.muto.agent.commands import Apply, ComponentState, Kill, Outcome, Stage
-from rigel_k8s.muto.agent.components import join
-from rigel_k8s.muto.agent.protocols.symphony import Symphony
-from rigel_k8s.muto.formats import list_stacks
-from rigel_k8s.muto.reading import read
 from rigel_k8s.rigelfile.source import Source
+from rigel_muto.agent.commands import Apply, ComponentState, Kill, Outcome, Stage
+from rigel_muto.agent.components import join
+from rigel_muto.agent.protocols.symphony import Symphony
+from rigel_muto.formats import list_stacks
+from rigel_muto.reading import read
 from tests.support.recorder import Recorder
 
 from .recording import STACK, Remembering, give

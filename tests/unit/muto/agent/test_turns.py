@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 
-from rigel_k8s.muto.agent.turns import Turns
+from rigel_muto.agent.turns import Turns
 from tests.support.until import until
 
 

@@ -10,8 +10,8 @@ import random
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.agent.commands import Apply, Command, Kill, Start
-from rigel_k8s.muto.agent.wanted import (
+from rigel_muto.agent.commands import Apply, Command, Kill, Start
+from rigel_muto.agent.wanted import (
     MOST_IDENTITIES,
     NOTHING,
     Record,

@@ -17,7 +17,7 @@ from rigel_k8s.observability.boards import dashboards
 
 FILES = Path(rigel_k8s.observability.boards.__file__).parent / "files"
 BOARDS = {name: json.loads(text) for name, text in dashboards().items()}
-EXPORTER = FILES.parents[2] / "exporter"
+EXPORTER = FILES.parents[3] / "rigel_exporter"
 #: Variables of Grafana itself.
 BUILT_IN = {
     "__auto",

@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[3]
 PAGES = ROOT / "docs" / "runbooks"
 CASES = HERE / "rules"
-SOURCES = ROOT / "src" / "rigel_k8s"
+SOURCES = ROOT / "src"
 #: Where the pages are to be published.
 RUNBOOKS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs/runbooks"
 
@@ -81,7 +81,7 @@ def test_runbooks_have_one_form(heading: str, alerts: dict[str, Any]) -> None:
 
 def test_rules_ask_for_no_ros_metric_that_nobody_gives(alerts: dict[str, Any]) -> None:
     """A metric's name that the exporter does not have would be an alert that never comes."""
-    given = "\n".join(path.read_text() for path in (SOURCES / "exporter").glob("*.py"))
+    given = "\n".join(path.read_text() for path in (SOURCES / "rigel_exporter").glob("*.py"))
     expressions = re.sub(r"#.*", "", "\n".join(rules().values()))
     asked = set(
         re.findall(

@@ -1,0 +1,20 @@
+"""The ROS exporter: the state and traffic of a ROS graph, as metrics for Prometheus.
+
+It is a separate program in an image of its own, beside an application's nodes. It only uses
+Python's standard library and modules of rigel_inpod, for Python 3.9 and later, and is independent
+of Kubernetes and of the other packages.
+
+graph.py       the result of a look at a graph: plain data, the same for ROS 1 and DDS
+ros1*.py       ROS 1: master and slave APIs, TCPROS
+dds*.py        DDS: discovery, readers
+standing.py    compares looks with what is expected and was seen before, with limits
+listening.py   named topics, /diagnostics, /clock, /tf
+collection.py  looks in the background, and the answer to a scrape
+metrics.py     Prometheus' text, and the meaning of each metric
+serving.py     HTTP
+config.py      its configuration file
+dds_graph.py   a program of its own, sent into a pod: the content of a DDS domain's discovery
+"""
+
+#: That of rigel_k8s, which is not in the image; a test compares them.
+__version__ = "0.1.0"

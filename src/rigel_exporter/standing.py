@@ -1,0 +1,124 @@
+"""Compares the graph with what is expected and what was seen before, with limits.
+
+It takes in looks and makes none itself. Times are seconds since 1970.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
+
+from rigel_exporter.graph import Graph, Master, Node
+from rigel_exporter.metrics import Sample
+
+#: How many of each are exported at most; ros_exporter_dropped counts the rest.
+NODES, TOPICS, TRAFFIC = 200, 500, 2000
+#: Seconds for which a node that is not expected is exported as missing.
+REMEMBERED = 3600.0
+#: The form of ROS' anonymous names, which never occur again: /talker_1234_1700000000000.
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
+
+T = TypeVar("T")
+
+
+class Standing:
+    """The looks so far."""
+
+    def __init__(
+        self, expected: Mapping[str, str], known: Mapping[str, str], named: Iterable[str]
+    ) -> None:
+        """Begin without a look.
+
+        Args:
+            expected: ROS names of nodes that must exist, and the workload of each.
+            known: the workloads of others.
+            named: topics that are exported even above the limit.
+        """
+        self._expected, self._named = dict(expected), frozenset(named)
+        self._workloads = {**known, **expected}
+        self._graph = Graph()
+        self._seen: dict[str, float] = {}
+        self._dropped: dict[str, int] = {}
+        self._master: Master | None = None
+        self._master_since = 0.0
+        self._restarts = 0
+
+    def take(self, graph: Graph, now: float) -> None:
+        """Take in a look."""
+        nodes = _take_first(graph.nodes, NODES, lambda n: (n.name not in self._expected, n.name))
+        topics = _take_first(graph.topics, TOPICS, lambda t: (t.name not in self._named, t.name))
+        much = {topic.name for topic in graph.topics} - {topic.name for topic in topics}
+        traffic = [part for part in graph.traffic if part.topic not in much][:TRAFFIC]
+        self._dropped = {
+            "nodes": len(graph.nodes) - len(nodes) + graph.dropped.get("nodes", 0),
+            "topics": len(graph.topics) - len(topics) + graph.dropped.get("topics", 0),
+            "traffic": len(graph.traffic) - len(traffic),
+        }
+        self._graph = graph._replace(nodes=nodes, topics=topics, traffic=traffic)
+        self._remember(nodes, now)
+        if graph.master and graph.master.up:
+            self._meet(graph.master, now)
+
+    def _remember(self, nodes: Iterable[Node], now: float) -> None:
+        seen = {n.name: now for n in nodes if not _ANONYMOUS.search(n.name)}
+        self._seen = {n: when for n, when in self._seen.items() if when + REMEMBERED > now} | seen
+
+    def _meet(self, master: Master, now: float) -> None:
+        """Record a master; another process, or another run, is another master.
+
+        It sets its /run_id shortly after its start: an empty one is not another run.
+        """
+        old = self._master
+        self._master = master
+        if old and old.pid == master.pid and (old.run == master.run or not old.run):
+            return
+        self._master_since = now
+        self._restarts += bool(old)
+
+    def samples(self) -> Iterator[Sample]:
+        """Yield the metrics of the graph."""
+        yield from (
+            Sample("ros_exporter_dropped", count, {"what": what})
+            for what, count in self._dropped.items()
+        )
+        yield from self._sample_master()
+        for node in self._nodes():
+            yield from self._sample_node(node)
+        yield from self._sample_topics()
+
+    def _sample_master(self) -> Iterator[Sample]:
+        if self._graph.master:
+            yield Sample("ros_master_up", self._graph.master.up)
+            yield Sample("ros_master_restarts_total", self._restarts)
+        if self._master:
+            yield Sample("ros_master_start_time_seconds", self._master_since)
+
+    def _nodes(self) -> list[Node]:
+        """Return the nodes, and those that are missing but expected or seen before."""
+        here = {node.name for node in self._graph.nodes}
+        names = [*self._expected, *sorted(set(self._seen) - set(self._expected))]
+        gone = [Node(name, up=False, registered=False) for name in names if name not in here]
+        room = max(0, NODES - len(self._graph.nodes))
+        return [*self._graph.nodes, *gone[: max(room, len(self._expected))]]
+
+    def _sample_node(self, node: Node) -> Iterator[Sample]:
+        labels = {"ros_node": node.name, "workload": self._workloads.get(node.name, "")}
+        yield Sample("ros_node_up", node.up, labels)
+        yield Sample("ros_node_registered", node.registered, labels)
+        if self._graph.master:
+            yield Sample("ros_node_missing_registrations", node.missing, labels)
+
+    def _sample_topics(self) -> Iterator[Sample]:
+        for topic in self._graph.topics:
+            labels = {"topic": topic.name, "type": topic.type}
+            yield Sample("ros_topic_publishers", topic.publishers, labels)
+            yield Sample("ros_topic_subscribers", topic.subscribers, labels)
+        for part in self._graph.traffic:
+            labels = {"ros_node": part.node, "topic": part.topic, "direction": part.direction}
+            yield Sample("ros_node_topic_messages_total", part.messages, labels)
+            yield Sample("ros_node_topic_bytes_total", part.size, labels)
+
+
+def _take_first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:
+    return sorted(items, key=key)[:most]

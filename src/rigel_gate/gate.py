@@ -1,0 +1,150 @@
+"""The gate: every call to the master arrives here, and is passed to the part that answers it.
+
+The parts, and what each one promises, are in modules of their own; here they are connected.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Callable
+
+from rigel_gate.calls import (
+    DESCRIBE_GATE,
+    DESCRIBE_POD,
+    HAND_OVER,
+    Answer,
+    BadCall,
+    Call,
+    fault,
+)
+from rigel_gate.changes import Changes
+from rigel_gate.context import Context
+from rigel_gate.handover import are_rivals, find_own_service
+from rigel_gate.links import Links
+from rigel_gate.master import Master
+from rigel_gate.newcomers import Newcomers
+from rigel_gate.nodes import Nodes
+from rigel_gate.registry import host_of, resolve_name
+from rigel_gate.restoring import Restoring
+from rigel_gate.state import Event, State
+from rigel_gate.takeover import TakeOver
+
+#: Seconds between two checks of the nodes that wait for a name and of those that have it.
+LOOK = 0.25
+
+
+class Gate:
+    """Answers calls; see the module.
+
+    Args:
+        state: what an earlier gate has left, or an empty one.
+        uri: the gate's own, which callers use as the master's.
+        keep: called with each event before its cause is answered.
+        log: called with a line for people to read.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        links: Links,
+        uri: str,
+        keep: Callable[[Event], None],
+        log: Callable[[str], None],
+    ) -> None:
+        self.state = state
+        self._uri = uri
+        self._context = Context(state, links, keep, log)
+        self._master = Master(self._context)
+        self._nodes = Nodes(self._context)
+        self._restoring = Restoring(self._context, self._master, self._nodes)
+        self._newcomers = Newcomers(self._context, self._master, self._nodes)
+        self._takeover = TakeOver(self._context, self._master, self._nodes, self._newcomers)
+        self._changes = Changes(
+            self._context, self._master, self._nodes, self._newcomers, self._takeover
+        )
+
+    def start(self) -> None:
+        """Look for the master, and check the nodes that wait, until stopped."""
+        self._master.start(self._restoring.complete_master, self._takeover.finish)
+        self._context.spawn(self._watch_nodes())
+
+    async def stop(self) -> None:
+        """End everything that runs."""
+        await self._context.stop()
+
+    async def answer(self, call: Call, *, hands_over: bool, host: str = "") -> Answer:
+        """Return the answer to a call.
+
+        Args:
+            hands_over: it came by the door of nodes that hand their names over.
+            host: the address that it came from. A call from this pod does not wait for a master
+                that is down: it may be from roscore itself, which looks for another one before it
+                starts its own.
+        """
+        if call.method == DESCRIBE_GATE:
+            return Answer.good("", json.dumps(self.describe()))
+        if host.startswith("127.") and not await self._master.is_there():
+            return fault("no ROS master answers behind the gate yet")
+        if call.method == DESCRIBE_POD:
+            return await self._takeover.describe_pod(call)
+        if call.method == HAND_OVER:
+            return await self._takeover.hand_over(call)
+        if call.method == "getUri":
+            return Answer.good("", self._uri)
+        if call.method == "system.multicall":
+            return await self._answer_many(call, hands_over=hands_over, host=host)
+        try:
+            if call.method == "lookupService" and hands_over:
+                return await self._find_service(call, host)
+            answer = await self._changes.answer(call, hands_over=hands_over)
+        except BadCall:  # the master answers with its own error
+            answer = None
+        return answer or await self._master.ask(call)
+
+    async def _answer_many(self, call: Call, *, hands_over: bool, host: str) -> Answer:
+        answers: list[Any] = []
+        try:
+            calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
+        except (BadCall, LookupError, TypeError):
+            return await self._master.ask(call)
+        for one in calls:
+            answers.append([(await self.answer(one, hands_over=hands_over, host=host)).value])
+        return Answer(answers)
+
+    async def _find_service(self, call: Call, host: str) -> Answer:
+        """Return where a pod that hands over finds a service: first in the pod itself."""
+        node, key = call.texts(2)
+        own = find_own_service(self.state, resolve_name(key, node), host)
+        if own:
+            return Answer.good("rosrpc URI", own)
+        answer = await self._master.ask(call)  # this may wait until a name has changed hands
+        if answer.is_success and are_rivals(self.state, node, host, host_of(answer.result)):
+            return Answer([-1, "no provider", ""])
+        return answer
+
+    async def _watch_nodes(self) -> None:
+        """Check nodes from time to time."""
+        while True:
+            await self._context.links.sleep(LOOK)
+            try:
+                self._takeover.look_around()
+                self._nodes.send_again()
+                self._nodes.forget_gone()
+                self._takeover.forget_pods()
+                await self._restoring.look_around()
+            except Exception as error:  # a failure here must not end all hand-overs
+                self._context.log(f"error: {error!r}")
+
+    def describe(self) -> dict[str, Any]:
+        """Return what `rigel status` shows of the gate."""
+        return {
+            "waiting": [
+                {"node": one.name, "api": one.api, "owner": self.state.registry.api_of(one.name)}
+                for one in self.state.newcomers.values()
+            ],
+            "conflicts": self._takeover.list_conflicts(),
+            "has_master": self._master.is_ready,
+            "silent": sorted(self.state.silent),
+            "restarts": self._restoring.restarts,
+            "nodes": len(self.state.registry.nodes),
+        }

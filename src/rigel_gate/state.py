@@ -1,0 +1,192 @@
+"""Everything that the gate keeps, changed by events alone.
+
+An event is a list that JSON can hold, so it can be written down and read back by a gate that
+starts later: a state is the result of its events on an empty one. Pure: it calls nothing.
+"""
+
+from __future__ import annotations
+
+import xmlrpc.client
+from typing import Any, Iterator, List, NamedTuple
+
+from rigel_gate.parameters import Parameters
+from rigel_gate.registry import KINDS, ROSOUT, Registration, Registry, host_of
+
+Event = List[Any]
+
+
+class GatePod(NamedTuple):
+    """A pod that hands over, as its probe describes it.
+
+    Attributes:
+        host: the address that its nodes advertise.
+        name: the pod's name.
+        workload: the Deployment that it belongs to.
+        warm: its nodes get publishers before they have their names.
+    """
+
+    host: str
+    name: str
+    workload: str
+    warm: bool
+
+
+class Newcomer:
+    """A node that waits for a name, and what it has registered so far.
+
+    Attributes:
+        quiet_since: when it last registered anything, by the gate's clock; not kept.
+        is_silent: whether its machine could not be reached at the last look; not kept.
+    """
+
+    def __init__(self, name: str, api: str) -> None:
+        self.name = name
+        self.api = api
+        self.quiet_since = 0.0
+        self.is_silent = False
+        self.registrations: dict[tuple[str, str], Registration] = {}
+
+    @property
+    def host(self) -> str:
+        """The address that it advertises."""
+        return host_of(self.api)
+
+    def all(self) -> list[Registration]:
+        """Return its registrations, in the order in which the master learns them.
+
+        Its log comes after its other topics, whose subscribers receive from no one meanwhile.
+        """
+        return sorted(
+            self.registrations.values(), key=lambda one: (KINDS.index(one.kind), one.key == ROSOUT)
+        )
+
+
+class State:
+    """What the master has, which nodes wait, and which pods there are.
+
+    Attributes:
+        registry, parameters: what the master has.
+        newcomers: by (node, api), the latest last.
+        pods: those that hand over, by host.
+        leaving: hosts whose pods are about to end.
+        silent: nodes that the master does not have, since they did not answer when it returned.
+        run: the /run_id of the master with which all this was registered, "" if it has none.
+    """
+
+    def __init__(self) -> None:
+        self.registry = Registry()
+        self.parameters = Parameters()
+        self.newcomers: dict[tuple[str, str], Newcomer] = {}
+        self.pods: dict[str, GatePod] = {}
+        self.leaving: set[str] = set()
+        self.silent: set[str] = set()
+        self.run = ""
+
+    def apply(self, event: Event) -> None:
+        """Apply an event."""
+        getattr(self, f"_on_{event[0]}")(*event[1:])
+
+    def events(self) -> Iterator[Event]:
+        """Yield events that produce this state from an empty one."""
+        yield ["run", self.run]
+        if self.parameters.tree:
+            yield ["set", "/", pack(self.parameters.tree)]
+        for entry in self.registry.nodes.values():
+            for one in entry.registrations.values():
+                yield ["register", *one, entry.hands_over]
+        for name in sorted(self.silent):
+            yield ["silent", name]
+        for newcomer in self.newcomers.values():
+            for one in newcomer.registrations.values():
+                yield ["wait", *one]
+        for pod in self.pods.values():
+            yield ["pod", *pod]
+        for host in sorted(self.leaving):
+            yield ["leave", host]
+
+    def newcomers_for(self, node: str) -> list[Newcomer]:
+        """Return the newcomers that wait for a name, the latest first."""
+        return [one for one in reversed(list(self.newcomers.values())) if one.name == node]
+
+    def newcomers_at(self, host: str) -> list[Newcomer]:
+        """Return the newcomers at an address."""
+        return [one for one in self.newcomers.values() if one.host == host]
+
+    def has_node(self, api: str) -> bool:
+        """Return whether a node at this URI has a name, or waits for one."""
+        named = {one.api for one in self.registry.nodes.values()}
+        return api in named or api in {one.api for one in self.newcomers.values()}
+
+    # -- events --
+
+    def _on_run(self, run: str) -> None:
+        self.run = run
+
+    def _on_set(self, key: str, packed: str) -> None:
+        self.parameters.set(key, unpack(packed))
+
+    def _on_delete(self, key: str) -> None:
+        self.parameters.delete(key)
+
+    def _on_register(
+        self,
+        kind: str,
+        key: str,
+        node: str,
+        api: str,
+        detail: str,
+        hands_over: bool,  # noqa: FBT001 - an event's last word
+    ) -> None:
+        if self.registry.api_of(node) != api:
+            self.silent.discard(node)
+        self.registry.register(Registration(kind, key, node, api, detail), hands_over=hands_over)
+
+    def _on_unregister(self, kind: str, key: str, node: str, uri: str) -> None:
+        self.registry.unregister(kind, key, node, uri)
+
+    def _on_forget(self, node: str) -> None:
+        self.registry.forget(node)
+        self.silent.discard(node)
+
+    def _on_silent(self, node: str) -> None:
+        self.silent.add(node)
+
+    def _on_answers(self, node: str) -> None:
+        self.silent.discard(node)
+
+    def _on_wait(self, kind: str, key: str, node: str, api: str, detail: str) -> None:
+        newcomer = self.newcomers.setdefault((node, api), Newcomer(node, api))
+        newcomer.registrations[kind, key] = Registration(kind, key, node, api, detail)
+
+    def _on_unwait(self, kind: str, key: str, node: str, api: str) -> None:
+        newcomer = self.newcomers.get((node, api))
+        if newcomer:
+            newcomer.registrations.pop((kind, key), None)
+            if not newcomer.registrations:
+                del self.newcomers[node, api]
+
+    def _on_dismiss(self, node: str, api: str) -> None:
+        self.newcomers.pop((node, api), None)
+
+    def _on_pod(self, host: str, name: str, workload: str, warm: bool) -> None:  # noqa: FBT001 - an event's last word
+        known = self.pods.get(host)
+        if known and known.name != name:
+            self.leaving.discard(host)
+        self.pods[host] = GatePod(host, name, workload, warm)
+
+    def _on_leave(self, host: str) -> None:
+        self.leaving.add(host)
+
+    def _on_away(self, host: str) -> None:
+        self.pods.pop(host, None)
+        self.leaving.discard(host)
+
+
+def pack(value: Any) -> str:
+    """Return a parameter's value as text that keeps its type."""
+    return xmlrpc.client.dumps((value,), allow_none=True)
+
+
+def unpack(text: str) -> Any:
+    """Return the value of a text of `pack`."""
+    return xmlrpc.client.loads(text)[0][0]

@@ -1,0 +1,142 @@
+"""down --sequence: the releases that a sequence deploys, such as the robots of a fleet."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+import attrs
+
+from rigel_k8s.app.deploying.target import release_of
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.releases import take_down
+from rigel_k8s.commands.rigelfiles import load
+from rigel_k8s.commands.targets import Release, names_of
+from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
+from rigel_k8s.jobs.branches import make_failure
+from rigel_k8s.jobs.job import JobReporter
+from rigel_k8s.jobs.runner import list_steps
+from rigel_k8s.jobs.steps import Step, list_uses
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.jobs.values import Values
+from rigel_k8s.jobs.waves import Outcome, count_failures, list_outcomes
+from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.release.types import Plan, ReleaseId
+from rigel_k8s.rigelfile.model import Rigelfile
+from rigel_k8s.settings import Settings
+from rigel_k8s.system.threads import parallel
+from rigel_muto.job import MutoAgentJob
+
+#: Releases that are deleted at the same time.
+WIDTH = 10
+
+
+def down(
+    settings: Settings, sequence: str, report: JobReporter, *, volumes: bool
+) -> list[tuple[ReleaseId, Plan]]:
+    """Delete the releases that a sequence deploys, those of its last stage first.
+
+    Those of one stage are deleted side by side, and a failure stops none of them. The stages
+    before it are then left alone, since the release that is left may need theirs.
+
+    Returns:
+        Each release and what was deleted of it; an empty plan if it did not exist.
+
+    Raises:
+        ClusterError: some could not be deleted; lists all, with the causes.
+        Interrupted: by Ctrl-C; lists what is deleted and what is left.
+        UserError: the sequence does not exist, or none of its releases does.
+        ProblemsError: the name of a release waits for what a job stores.
+    """
+    rigelfile = load(settings, patient=True)
+    steps = list_steps(rigelfile, sequence, settings)
+    with connect(settings) as cluster:
+        stages = [list_releases(step, rigelfile, settings, cluster) for step in steps.steps]
+    with interruptible() as cancel:
+        removal = Removal(settings, report, cancel, volumes=volumes)
+        removal.end_all(stages[::-1])
+    if all(plan.is_empty for plan in removal.plans.values()):
+        raise UserError(
+            f'no release of the sequence "{sequence}" exists',
+            hint="list all releases with `rigel list -A`, or choose a cluster with --context",
+        )
+    return list(removal.plans.items())
+
+
+def list_releases(
+    step: Step, rigelfile: Rigelfile, settings: Settings, cluster: Cluster
+) -> list[ReleaseId]:
+    """Return the releases that the jobs below a step deploy, each once. Raises as names_of."""
+    values = Values(rigelfile)
+    found: dict[ReleaseId, None] = {}
+    for job, data in list_uses(step, lambda step, known: values.preview_matrix(step, known)[0]):
+        if isinstance(job.type, OrchestrationJob | MutoAgentJob):
+            options = names_of(
+                *(rigelfile, job.spec, settings, job.type.options),
+                overrides=job.overrides,
+                data=data,
+            )
+            if not getattr(options, "observability_only", False):
+                found[release_of(options, settings, cluster)] = None
+    return list(found)
+
+
+@attrs.frozen
+class Removal:
+    """The end of several releases.
+
+    Attributes:
+        cancel: set when the user asks to stop.
+        plans: what was deleted of each release.
+    """
+
+    settings: Settings
+    report: JobReporter
+    cancel: threading.Event
+    volumes: bool = attrs.field(kw_only=True)
+    plans: dict[ReleaseId, Plan] = attrs.field(factory=dict)
+
+    def end_all(self, stages: Sequence[Sequence[ReleaseId]]) -> None:
+        """Delete the releases of each stage side by side, one stage after the other.
+
+        Raises: as down.
+        """
+        outcomes: list[Outcome] = []
+        for stage in stages:
+            if self.cancel.is_set() or count_failures(outcomes):
+                outcomes += [Outcome(describe(release), "not begun") for release in stage]
+            else:
+                outcomes += parallel(self.end, stage, width=WIDTH)
+        self.raise_for(outcomes)
+
+    def end(self, release: ReleaseId) -> Outcome:
+        """Delete one release."""
+        name = describe(release)
+        if self.cancel.is_set():
+            return Outcome(name, "not begun")
+        part = self.report.child(release.namespace)
+        try:
+            found = Release(connect(self.settings), release)
+            plan = take_down(found, self.settings, part, self.cancel, volumes=self.volumes)
+        except Interrupted:
+            return Outcome(name, "stopped")
+        except RigelK8sError as error:
+            return Outcome(name, "failed", make_failure(name, error))
+        self.plans[release] = plan
+        return Outcome(name, "done")
+
+    def raise_for(self, outcomes: Sequence[Outcome]) -> None:
+        """Raise if not all releases are deleted."""
+        details = list(list_outcomes(outcomes))
+        hint = "run the same command again to delete the rest"
+        if self.cancel.is_set() and any(outcome.state != "done" for outcome in outcomes):
+            message = "interrupted before all releases were deleted"
+            raise Interrupted(message, hint=hint, details=details)
+        if failures := count_failures(outcomes):
+            message = f"{failures} of {len(outcomes)} releases could not be deleted"
+            raise ClusterError(message, hint=hint, details=details)
+
+
+def describe(release: ReleaseId) -> str:
+    """Return a release's name for a list."""
+    return f"{release.name} in {release.namespace}"

@@ -1,0 +1,232 @@
+"""What the looks into a release's pods show: which pods discover which, and what is wrong; pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.discovery.looks import Observation
+from rigel_k8s.discovery.members import Member
+from rigel_k8s.discovery.paths import Paths, find_deaf, paths
+from rigel_k8s.discovery.words import GraphFinding
+from rigel_k8s.network.modes.peers import peer_name
+from rigel_k8s.objects.text import join_words
+
+
+@attrs.frozen
+class PodGraph:
+    """One pod's place in the graph.
+
+    Attributes:
+        interface: the one that DDS uses, "" for all.
+        address: that of the interface, "" for none; without an interface, that of the pod.
+        domain: its DDS domain, None if its image decides.
+        discovered_by: the pods in which a stand-in discovered it; None if that is unknown (a
+            discovery server or a zenoh router is between them, or no pod could be examined).
+        out_of: how many other pods were examined.
+        reaches: the discovery servers and zenoh routers that it reaches.
+    """
+
+    pod: str
+    machine: str
+    mode: str
+    domain: int | None
+    interface: str
+    address: str
+    discovered_by: tuple[str, ...] | None
+    out_of: int
+    reaches: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class DiscoveryGraph:
+    """A release's DDS graph.
+
+    Attributes:
+        deaf: (from, to): multicast of the first machine's pods does not reach those of the second.
+    """
+
+    pods: tuple[PodGraph, ...]
+    deaf: tuple[tuple[str, str], ...]
+    findings: tuple[GraphFinding, ...]
+
+    @property
+    def errors(self) -> tuple[GraphFinding, ...]:
+        """The findings that contradict what the Rigelfile requests."""
+        return tuple(finding for finding in self.findings if finding.error)
+
+
+def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> DiscoveryGraph:
+    """Return the graph that the looks show."""
+    looked = [member for member in found if not seen[member.pod].problem]
+    ways = paths(looked, seen)
+    known = discoveries(looked, seen)
+    findings = [
+        *find_unseen(found, seen),
+        *(finding for member in looked for finding in check_pod(member, seen[member.pod])),
+        *find_deaf(looked, ways),
+        *find_undiscovered(looked, seen, known, ways),
+    ]
+    rows = tuple(row(member, seen[member.pod], known.get(member.pod)) for member in found)
+    return DiscoveryGraph(rows, tuple(sorted(ways.deaf)), tuple(findings))
+
+
+def row(member: Member, seen: Observation, known: Mapping[str, bool] | None) -> PodGraph:
+    """Return one pod's place in the graph."""
+    address = seen.interfaces.get(member.interface) if member.interface else member.ip
+    if seen.problem:
+        address = member.address  # from Multus' annotation, not checked
+    reached = [server for server, answers in seen.servers.items() if answers]
+    return PodGraph(
+        member.pod,
+        member.machine,
+        member.mode,
+        member.domain,
+        member.interface or "",
+        address or "",
+        None if known is None else tuple(sorted(pod for pod, does in known.items() if does)),
+        len(known or {}),
+        (*reached, *seen.routers),
+    )
+
+
+def discoveries(
+    looked: Sequence[Member], seen: Mapping[str, Observation]
+) -> dict[str, dict[str, bool]]:
+    """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
+    known: dict[str, dict[str, bool]] = {}
+    heard = {m.pod: {p["prefix"] for p in seen[m.pod].heard} for m in looked}
+    for member in looked:
+        if not member.answers or member.middleware == "zenoh" or member.own_ways:
+            continue
+        own = {p["prefix"] for p in seen[member.pod].heard if p["own"]}
+        known[member.pod] = {
+            other.pod: bool(own) and own <= heard[other.pod]
+            for other in looked
+            if other.pod != member.pod and other.domain == member.domain
+            if seen[other.pod].announced or looks_for(other, member)
+            if seen[other.pod].is_on_network(other)
+        }
+    return known
+
+
+def looks_for(other: Member, member: Member) -> bool:
+    """Whether one member's stand-in looks for another member by its Service."""
+    return other.mode == "peers" and other.workload != member.workload
+
+
+def find_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
+    """Yield why pods could not be examined; pods with the same cause together."""
+    reasons: dict[str, list[str]] = defaultdict(list)
+    for member in found:
+        if seen[member.pod].problem:
+            reasons[seen[member.pod].problem].append(member.pod)
+    for reason, pods in reasons.items():
+        yield GraphFinding(
+            "not-looked", f"{join_words(pods)} could not be checked: {reason}", "", pods
+        )
+
+
+def check_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
+    """Yield what is wrong inside one pod."""
+    wrong = list(interface_findings(member, seen))
+    if not wrong and member.middleware == "zenoh":
+        wrong = list(router_findings(member, seen))
+    elif not wrong:
+        wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
+    for kind, message, remedy in wrong:
+        promised = member.mode != "none" and (member.probed or kind != "no-participant")
+        yield GraphFinding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
+
+
+Wrong = tuple[str, str, str]
+
+
+def interface_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
+    """Yield what is wrong with the interface that DDS uses."""
+    name = member.interface
+    if not name:
+        return
+    if name not in seen.interfaces:
+        text = f"has no {name}: Multus did not attach the second network when the pod started"
+        remedy = f"delete the pod when Multus runs on {member.machine}: a new one gets {name}"
+        yield "no-interface", text, remedy
+    elif not seen.interfaces[name]:
+        remedy = "`kubectl describe pod` shows the message of the address management"
+        yield "no-address", f"has {name} without an IPv4 address", remedy
+    elif name in seen.down:
+        remedy = "it was taken down in the pod, or the machine's interface lost its link"
+        yield "interface-down", f"has {name}, but it is down", remedy
+    elif member.address and seen.interfaces[name] != member.address:
+        text = f"has the address {seen.interfaces[name]} at {name} instead of {member.address}"
+        yield "other-address", text, "delete the pod: a new one gets the right address"
+
+
+def participant_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
+    """Yield what is wrong with the pod's own participants."""
+    domains = sorted({p["domain"] for p in seen.own if p["domain"] is not None})
+    here = [p for p in seen.own if member.domain in (None, p["domain"])]
+    stopped = [p for p in here if p["stopped"]]
+    if not here and domains:
+        text = (
+            f"takes part in DDS domain {join_words(map(str, domains))} instead of {member.domain}"
+        )
+        yield "wrong-domain", text, "check whether its image or command sets ROS_DOMAIN_ID"
+    elif not here:
+        remedy = "check its log: did its program start DDS, and is it still running?"
+        yield "no-participant", "has no DDS participant", remedy
+    elif stopped:
+        text = f"has a process that a signal has stopped: {stopped[0]['command']}"
+        yield "stopped", text, "end the debugger, send SIGCONT, or delete the pod"
+    elif member.answers and not any(p["own"] for p in seen.heard):
+        text = f"has a participant that does not answer: {here[0]['command']}"
+        yield "silent", text, "its process hangs, or DDS is bound to another interface"
+
+
+def server_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
+    """Yield which discovery servers do not answer."""
+    silent = [server for server, answers in seen.servers.items() if not answers]
+    if silent:
+        remedy = "check that the server's pod runs, its Service exists, and UDP passes both ways"
+        yield "no-server", f"gets no answer from the discovery server {join_words(silent)}", remedy
+
+
+def router_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
+    """Yield a finding if the pod is not connected to a zenoh router."""
+    if not seen.routers:
+        remedy = "check that the router's pod runs, its Service exists, and TCP port 7447 is open"
+        yield "no-router", "is not connected to a zenoh router", remedy
+
+
+def find_undiscovered(
+    looked: Sequence[Member],
+    seen: Mapping[str, Observation],
+    known: Mapping[str, Mapping[str, bool]],
+    ways: Paths,
+) -> Iterator[GraphFinding]:
+    """Yield pods that are not discovered, if no other finding explains it."""
+    by_pod = {member.pod: member for member in looked}
+    for pod, others in known.items():
+        member = by_pod[pod]
+        if list(check_pod(member, seen[pod])):
+            continue
+        missing = [
+            other
+            for other, does in others.items()
+            if not does and not ways.explains(member, by_pod[other])
+        ]
+        if not missing:
+            continue
+        remedy = (
+            "check whether its image limits DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE,"
+            " a profile), or a firewall drops UDP"
+        )
+        if member.mode == "peers":
+            service = peer_name(member.workload)
+            remedy = f"check that the Service {service} exists, and no NetworkPolicy blocks UDP"
+        which = "any other pod" if len(missing) == len(others) else join_words(missing)
+        error = member.mode != "none"
+        message = f"{pod} is not discovered by {which}"
+        yield GraphFinding("undiscovered", message, remedy, [pod], error=error)

@@ -1,0 +1,157 @@
+"""Which pods of a release take part in DDS, and what each of them should have; pure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_inpod import MOUNT_PATH
+from rigel_k8s.network.modes import MODES
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
+from rigel_k8s.objects.facts import is_out_of_reach
+from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
+
+#: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
+OWN_WAYS = (
+    "ROS_DISCOVERY_SERVER",
+    "ROS_STATIC_PEERS",
+    "CYCLONEDDS_URI",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)
+PROBE = f"{MOUNT_PATH}/ready.sh"
+
+
+@attrs.frozen
+class Member:
+    """One pod that takes part, from its manifest and its status.
+
+    Attributes:
+        workload: the name of its Deployment.
+        machine: the Kubernetes node that it runs on.
+        domain: the DDS domain that it should be in, None if the image decides.
+        interface: the one that DDS should use, None for all.
+        address: the interface's, from the Rigelfile or from Multus; None if neither sets it.
+        servers: its discovery servers, HOST:PORT.
+        own_ways: variables by which a user configures its discovery without `network`.
+        running: whether its container runs, so it can be examined.
+        reachable: whether its machine reports to Kubernetes.
+        probed: whether it has our readiness probe; if a user set another one, or none, its
+            program need not use DDS.
+    """
+
+    namespace: str
+    pod: str
+    workload: str
+    machine: str
+    container: str
+    mode: str
+    domain: int | None
+    middleware: str
+    interface: str | None
+    address: str | None
+    ip: str
+    servers: tuple[str, ...]
+    own_ways: tuple[str, ...]
+    running: bool
+    reachable: bool = True
+    probed: bool = True
+
+    @property
+    def by_multicast(self) -> bool:
+        """Whether it discovers others by multicast."""
+        mode = MODES.get(self.mode)
+        multicast = mode is not None and mode.multicast
+        return multicast and self.middleware != "zenoh" and not self.own_ways
+
+    @property
+    def answers(self) -> bool:
+        """Whether, in its network's mode, it answers each participant that announces itself."""
+        mode = MODES.get(self.mode)
+        return mode is not None and mode.answers
+
+
+def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:
+    """Return the pods that take part, by name; those that are ending do not."""
+    found = (member_of(pod) for pod in pods if not pod["metadata"].get("deletionTimestamp"))
+    return sorted((one for one in found if one), key=lambda one: one.pod)
+
+
+def member_of(pod: Mapping[str, Any]) -> Member | None:
+    """Return a pod as a member, None if it does not take part."""
+    meta, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
+    annotations = meta.get("annotations") or {}
+    note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
+    container = find_container(spec)
+    if "mode" not in note or note.get("ros") == "1" or container is None:
+        return None
+    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: its DDS is not checked
+        return None
+    env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
+    interface = note.get("interface")
+    return Member(
+        namespace=str(meta["namespace"]),
+        pod=str(meta["name"]),
+        workload=str((meta.get("labels") or {}).get(NAME_LABEL, meta["name"])),
+        machine=str(spec.get("nodeName") or ""),
+        container=str(container["name"]),
+        mode=str(note["mode"]),
+        domain=None if note.get("domain") is None else int(note["domain"]),
+        middleware=str(note.get("middleware") or ("zenoh" if note["mode"] == "zenoh" else "")),
+        interface=str(interface) if interface else None,
+        address=choose_address(note, annotations, interface),
+        ip=str(status.get("podIP") or ""),
+        servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
+        own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
+        running=runs(status, str(container["name"])),
+        reachable=not is_out_of_reach(pod),
+        probed=PROBE in probe_words(container),
+    )
+
+
+def parse_json(text: str | None, otherwise: Any) -> Any:
+    """Return JSON as data, `otherwise` if it is invalid."""
+    try:
+        found = json.loads(text or "")
+    except ValueError:
+        return otherwise
+    return found if isinstance(found, type(otherwise)) else otherwise
+
+
+def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the container that has the in-pod scripts."""
+    for container in spec.get("containers") or []:
+        if any(m.get("mountPath") == MOUNT_PATH for m in container.get("volumeMounts") or []):
+            return container  # type: ignore[no-any-return]
+    return None
+
+
+def choose_address(
+    note: Mapping[str, Any], annotations: Mapping[str, str], interface: str | None
+) -> str | None:
+    """Return the address in our annotation, or else that in Multus' annotation."""
+    if note.get("address"):
+        return str(note["address"]).partition("/")[0]
+    return next(iter(addresses_of(annotations, interface)), None)
+
+
+def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
+    """Yield an interface's IPv4 addresses from Multus' annotation."""
+    for network in parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), []):
+        if interface and network.get("interface") == interface:
+            yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
+
+
+def probe_words(container: Mapping[str, Any]) -> Sequence[str]:
+    """Return the command of a container's readiness probe."""
+    probe = container.get("readinessProbe") or {}
+    return (probe.get("exec") or {}).get("command") or ()
+
+
+def runs(status: Mapping[str, Any], container: str) -> bool:
+    """Whether a container of a pod runs."""
+    states = status.get("containerStatuses") or []
+    return any(s["name"] == container and "running" in (s.get("state") or {}) for s in states)

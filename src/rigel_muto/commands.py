@@ -1,0 +1,131 @@
+"""muto convert: a stack of Eclipse Muto as a Rigelfile."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.app.checks.application import check
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.errors import UserError
+from rigel_k8s.images.dockerfile import Recipe
+from rigel_k8s.option_text import text_of
+from rigel_k8s.rigelfile import Finding, Source, place, problems_error, render, structure
+from rigel_k8s.rigelfile.findings import sort_findings
+from rigel_k8s.rigelfile.source import node_of
+from rigel_k8s.system.trees import File, Tree, write_tree
+from rigel_muto.archives import find_archive, translate_archive, unpack_archive
+from rigel_muto.converting import (
+    SOURCES,
+    Target,
+    list_options,
+    name_release,
+    write_building_rigelfile,
+    write_rigelfile,
+)
+from rigel_muto.library import NotFound
+from rigel_muto.opening import Find, open_stack
+from rigel_muto.options import Muto
+from rigel_muto.remarks import Unreadable, list_findings
+from rigel_muto.stack import Stack
+from rigel_muto.translation import Translation, require_nodes, translate
+from rigel_muto.twin import Twin
+
+
+@attrs.frozen
+class Converted:
+    """A Rigelfile, and warnings about the stack.
+
+    Attributes:
+        text: the Rigelfile's.
+        warnings: rendered.
+        sources: what the Rigelfile builds an image from, in the directory SOURCES.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+    sources: Tree = attrs.field(factory=dict)
+
+
+def convert(source: Muto, target: Target) -> Converted:
+    """Return the Rigelfile that deploys a stack.
+
+    Args:
+        source: the stack; files and ids are searched for in the working directory.
+
+    Raises:
+        ProblemsError: something is wrong with the stack, with its places; or it needs a build.
+        UserError: the stack does not exist, or may not be read.
+        RigelK8sError: the Ditto with the stack cannot be reached, or refuses.
+    """
+    return _convert(source, target, builds=False)
+
+
+def write(source: Muto, target: Target, directory: Path) -> Converted:
+    """Write a new directory with the Rigelfile that deploys a stack, and an archive's sources.
+
+    Raises: as convert; and UserError if the directory exists. Nothing is written then.
+    """
+    made = _convert(source, target, builds=True)
+    sources = {f"{SOURCES}/{path}": entry for path, entry in made.sources.items()}
+    write_tree({"Rigelfile": File(made.text.encode()), **sources}, directory)
+    return made
+
+
+def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
+    """Return a stack's Rigelfile; that of an archive only if it may have sources beside it."""
+    nothing = Source(source.stack, "")
+    sources: Tree = {}
+    try:
+        stack, find = _open(source)
+        archive = find_archive(stack) if builds else None
+        given = {name: text_of(value) for name, value in source.args.items()}
+        if archive:
+            sources = unpack_archive(archive)
+            directory = Recipe(target.choose_distro(stack), base="", source_name=SOURCES).sources
+            key = name_release(source.stack, stack)
+            made = translate_archive(archive, key, sources, directory, given)
+        else:
+            made = require_nodes(stack, translate(stack, given, find, ros2=target.is_ros2(stack)))
+    except NotFound as error:
+        hint = "give a file, the id of a stack in a file of the working directory, or a URL"
+        raise UserError(str(error), hint=hint) from error
+    except Unreadable as error:
+        raise problems_error(nothing, [error.remark.finding]) from error
+    about = list_findings(made.remarks, strict=source.strict)
+    findings = sort_findings([*about, *_check(source.stack, stack, made, target)])
+    if any(finding.severity == "error" for finding in findings):
+        raise problems_error(nothing, findings)
+    compose = write_building_rigelfile if archive else write_rigelfile
+    text = compose(source.stack, stack, made, target)
+    return Converted(text, _render(nothing, findings), sources)
+
+
+def _open(source: Muto) -> tuple[Stack, Find]:
+    """Return the stack, and a function that finds the stacks that it refers to."""
+    path = Path(source.name)
+    home = path.parent if path.exists() else Path()
+    url = source.base_url
+    ask = Twin(url, source.access, os.environ, {}).find if url else None
+    return open_stack(source.name, Path(), home, ask)
+
+
+def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterator[Finding]:
+    """Yield the findings of `rigel check`, at their places in the stack."""
+    at = stack.place
+    options = {k: node_of(v, at) for k, v in list_options(name, stack, target).items()}
+    nodes = attrs.evolve(at, value=dict(made.nodes), raw=None)
+    root = attrs.evolve(at, value={**options, **made.options, "nodes": nodes}, raw=None)
+    found = structure(root, OrchestrationOptions)
+    yield from (place(root, problem) for problem in found.problems)
+    if found.draft is not None:
+        problems = check(found.draft, target.choose_distro(stack))
+        sure = (problem for problem in problems if not found.doubts.may_explain(problem.path))
+        yield from (place(root, problem) for problem in sure)
+
+
+def _render(source: Source, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    return tuple(render(source, finding) for finding in findings)

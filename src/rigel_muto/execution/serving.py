@@ -1,0 +1,143 @@
+"""The agent as a program: the broker on one side, the release on the other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.job import JobReporter
+from rigel_k8s.kube import connect
+from rigel_k8s.settings import Settings
+from rigel_muto.agent.address import Login, read_address
+from rigel_muto.agent.allowance import Allowance
+from rigel_muto.agent.broker import Broker
+from rigel_muto.agent.current import Announcer, describe_current
+from rigel_muto.agent.memory import Memory
+from rigel_muto.agent.options import check_thing
+from rigel_muto.agent.protocols.ditto import Ditto as DittoProtocol
+from rigel_muto.agent.protocols.exchange import Dialect
+from rigel_muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.protocols.symphony import Symphony
+from rigel_muto.agent.serving import serve
+from rigel_muto.agent.wanted import Record
+from rigel_muto.ditto import Access, Ditto
+from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.health import serve_health
+from rigel_muto.execution.target import Application
+
+
+@attrs.frozen(kw_only=True)
+class Agent:
+    """The settings of an agent.
+
+    Attributes:
+        thing: the device's id, NAMESPACE:NAME.
+        broker: its URL.
+        job: the job that commands deploy; None: the only one that deploys.
+        credentials: a directory with files that the broker needs.
+        target: the device's name in Symphony; None: the thing's NAME.
+        twin_url: the Ditto to which the agent reports what runs; None: none.
+        health: the port of the probe for the connection to the broker; None: no port.
+    """
+
+    thing: str
+    broker: str
+    job: str | None = None
+    credentials: Path | None = None
+    prefix: str = "muto"
+    target: str | None = None
+    twin_url: str | None = None
+    access: Access = attrs.field(factory=Access)
+    allowance: Allowance = attrs.field(factory=Allowance)
+    health: int | None = None
+
+    @property
+    def dialects(self) -> tuple[Dialect, ...]:
+        """The protocols that it speaks."""
+        name = self.thing.partition(":")[2]
+        return (
+            Ros1(self.thing),
+            DittoProtocol(self.thing, self.prefix),
+            Symphony(self.target or name, self.prefix),
+        )
+
+    @property
+    def twin(self) -> Mapping[str, str]:
+        """The same as keys of `muto`, for stacks in that Ditto."""
+        keys = {"twin_url": self.twin_url, **attrs.asdict(self.access)}
+        return {key: value for key, value in keys.items() if value is not None}
+
+
+def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
+    """Accept commands until Ctrl-C or SIGTERM.
+
+    Raises:
+        UserError: the Rigelfile, the thing's id, the broker's address or a file is wrong.
+        ClusterError: the cluster cannot be reached at the start.
+    """
+    try:
+        check_thing(agent.thing)
+    except ValueError as error:
+        raise UserError(str(error), hint="an example is org.example.robots:robot-7") from error
+    login = read_login(agent.credentials)
+    address = read_address(agent.broker)
+    application = Application(settings, report, agent.job, agent.twin)
+    dialects = agent.dialects
+    topics = [dialect.topic for dialect in dialects]
+    announcer = None
+    if agent.twin_url:
+        ditto = Ditto(agent.twin_url, agent.access, os.environ)
+        announcer = Announcer(ditto, agent.thing, report)
+
+    def announce(record: Record) -> None:
+        if announcer is not None and record.state != "idle":
+            announcer.set(describe_current(record))
+
+    with connect(settings) as cluster, interruptible() as ending:
+        release = application.find_release(cluster)
+        memory = Memory(cluster, release, create_namespace=application.creates_namespace())
+        executor = Executor(application, memory, agent.allowance, announce)
+        broker = Broker(address, login, f"rigel-{agent.thing}", topics, report)
+        with broker, serve_health(agent.health, lambda: broker.trouble):
+            if announcer is not None:
+                announcer.start()
+            executor.start()
+            report.line(f"accepts commands for {agent.thing} from {address}")
+            try:
+                serve(broker, dialects, executor, report, ending)
+            finally:
+                executor.close()
+        if announcer is not None:
+            announcer.close()
+
+
+def read_login(directory: Path | None) -> Login:
+    """Return how to log in to the broker: the files of a directory.
+
+    Raises:
+        UserError: the directory does not exist, or its files do not fit together.
+    """
+    if directory is None:
+        return Login()
+    if not directory.is_dir():
+        raise UserError(
+            f"the directory {directory} does not exist",
+            hint="create it with username, password, ca.crt, tls.crt and tls.key, or some of them",
+        )
+
+    def find(name: str) -> Path | None:
+        return directory / name if (directory / name).is_file() else None
+
+    user = find("username")
+    return Login(
+        user=user.read_text("utf-8").strip() if user else None,
+        password_file=find("password"),
+        authorities=find("ca.crt"),
+        certificate=find("tls.crt"),
+        key=find("tls.key"),
+    )

@@ -1,0 +1,110 @@
+"""The stack that a user names: a file, an id, a thing of a Ditto, or its own text as a data URL."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode
+from rigel_muto.ditto import THINGS
+from rigel_muto.formats import list_stacks
+from rigel_muto.library import SUFFIXES, Ambiguous, Library, NotFound
+from rigel_muto.reading import decode, read
+from rigel_muto.remarks import Unreadable, error
+from rigel_muto.stack import Stack
+
+SCHEMES = ("http://", "https://")
+#: Before a stack's own text in base64.
+DATA = "data:;base64,"
+#: Returns the stack of an id, or raises NotFound or Unreadable.
+Find = Callable[[str], Stack]
+
+
+def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tuple[Stack, Find]:
+    """Return the stack of a name, and what finds those that it refers to.
+
+    Args:
+        name: a file in or below the directory, an id, or a data URL. Ids are looked for in the
+            files of the directory (of the file, if there is one), then by `ask`.
+        home: the directory that files must be in, unless they are in a trusted one.
+        ask: finds stacks elsewhere; None: nowhere else.
+
+    Raises:
+        NotFound: the stack or the file does not exist.
+        Unreadable: its content is wrong.
+        UserError: it may not be read.
+    """
+    if name.startswith(DATA):
+        find = _look_in_both(Library(directory, home), ask)
+        return _open_data(name.removeprefix(DATA)), find
+    path = directory / name
+    # os.path's answers False for a name that no file can have.
+    if not os.path.exists(path) and path.suffix not in SUFFIXES:  # noqa: PTH110
+        find = _look_in_both(Library(directory, home), ask)
+        return find(name), find
+    library = Library(path.parent, home)
+    try:
+        stacks = library.open(path.name)
+    except OSError as error:
+        raise NotFound(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise NotFound(f"{path} is not UTF-8") from error
+    if len(stacks) > 1:
+        ids = ", ".join(stack.label for stack in stacks)
+        raise NotFound(f"{path} has {len(stacks)} stacks, name one by its id: {ids}")
+    return stacks[0], _look_in_both(library, ask)
+
+
+def write_data(text: str) -> str:
+    """Return a stack's text as a data URL, in which no template is recognized."""
+    return DATA + base64.b64encode(text.encode()).decode()
+
+
+def _open_data(data: str) -> Stack:
+    """Return the one stack of a text in base64."""
+    place = YamlNode(data, Span(1, 1, 1, 2), source=Source("stack", ""))
+    stacks = list_stacks(read(decode(place, "its own text")))
+    if len(stacks) > 1:
+        raise Unreadable(error(place, f"this is a list of {len(stacks)} stacks", "not-a-stack"))
+    return stacks[0]
+
+
+def _look_in_both(library: Library, ask: Find | None) -> Find:
+    def find(identifier: str) -> Stack:
+        try:
+            return library.find(identifier)
+        except NotFound as missing:
+            if ask is None or isinstance(missing, Ambiguous):
+                raise
+            return ask(identifier)
+
+    return find
+
+
+def split_url(stack: str) -> tuple[str, str] | None:
+    """Return the part of a thing's URL before /api/2/things, and the thing's id.
+
+    None: it is not a URL.
+
+    Raises:
+        ValueError: it is a URL, but not one of a thing.
+    """
+    if not stack.startswith(SCHEMES):
+        return None
+    check_url(stack)
+    base, things, identifier = stack.partition(THINGS)
+    if not things or not identifier or "/" in identifier:
+        raise ValueError(f"{stack} is not the URL of a Ditto thing: HOST{THINGS}ID")
+    return base, identifier
+
+
+def check_url(url: str) -> None:
+    """Raise ValueError if a URL has no host, or a secret in it."""
+    parts = urlsplit(url)
+    if not url.startswith(SCHEMES) or not parts.hostname:
+        raise ValueError(f'"{url}" is not a URL such as https://ditto.example')
+    if parts.username or parts.password:
+        raise ValueError("a URL must have no password in it: use user and password, or token")

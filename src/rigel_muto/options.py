@@ -1,0 +1,70 @@
+"""The option `muto` of a job that deploys."""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import attrs
+
+from rigel_k8s.objects.fields import option, required_field
+from rigel_k8s.objects.scalars import EnvName
+from rigel_k8s.option_text import Scalar
+from rigel_muto.ditto import Access
+from rigel_muto.opening import check_url, split_url
+
+
+@attrs.frozen(kw_only=True)
+class Muto:
+    """A stack of Eclipse Muto."""
+
+    stack: str = required_field(
+        "a file with a stack, from the application's directory; the id (stackId, thingId) of a"
+        " stack in one of the files there, or at twin_url; the URL of a Ditto thing; or a stack's"
+        " text as a data URL, `data:;base64,TEXT`"
+    )
+    args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
+    strict: bool = option("refuse a stack of which something is not carried over", default=False)
+    twin_url: str | None = option(
+        "a Ditto whose things are stacks, asked for what no file has: what stands before"
+        " /api/2/things"
+    )
+    token: EnvName | None = option("the environment variable with a bearer token for it")
+    user: str | None = option("a user of it")
+    password: EnvName | None = option("the environment variable with the user's password")
+
+    def __attrs_post_init__(self) -> None:
+        """Refuse options that contradict each other."""
+        split = split_url(self.stack)
+        if split and self.twin_url:
+            raise ValueError("a stack that is a URL needs no twin_url: leave it out")
+        if self.twin_url:
+            check_url(self.twin_url)
+        if (self.user is None) != (self.password is None):
+            raise ValueError("user and password belong together")
+        if self.token and self.user:
+            raise ValueError("a token, or a user and a password: leave one out")
+        if (self.token or self.user) and not (split or self.twin_url):
+            raise ValueError("token, user and password need twin_url")
+
+    @property
+    def name(self) -> str:
+        """The stack's file or id."""
+        split = split_url(self.stack)
+        return split[1] if split else self.stack
+
+    @property
+    def base_url(self) -> str | None:
+        """The Ditto that may be queried; None for none."""
+        split = split_url(self.stack)
+        return split[0] if split else self.twin_url
+
+    @property
+    def access(self) -> Access:
+        """How to log in there."""
+        return Access(self.token, self.user, self.password)
+
+
+def muto_of(written: Muto | str | None) -> Muto | None:
+    """Return the options; a word is short for its `stack`."""
+    return Muto(stack=written) if isinstance(written, str) else written

@@ -40,12 +40,6 @@ class Range:
         taken = sum(self._count_within(one) for one in _collapse(self.exclude))
         return max(0, int(self.last) - int(self.first) + 1 - taken)
 
-    def overlaps(self, other: Range) -> bool:
-        """Return whether both may give out the same address, not counting exclusions."""
-        if self.subnet.version != other.subnet.version:
-            return False
-        return int(self.first) <= int(other.last) and int(other.first) <= int(self.last)
-
     def _count_within(self, one: Subnet) -> int:
         first = max(int(self.first), int(one.network_address))
         return max(0, min(int(self.last), int(one.broadcast_address)) - first + 1)
@@ -64,7 +58,6 @@ class Attachment:
         master: the machine's interface; None if macvlan takes that of the default route.
         ipam: the program that gives out addresses, "" if there is no such program.
         passes: whether addresses that a pod requests are passed on (capability `ips`).
-        exclusive: whether whereabouts keeps its addresses unique over overlapping ranges.
     """
 
     namespace: str
@@ -78,7 +71,6 @@ class Attachment:
     ranges: tuple[Range, ...] = ()
     gateway: Address | None = None
     passes: bool = False
-    exclusive: bool = True
 
     @property
     def key(self) -> str:
@@ -111,7 +103,6 @@ def attachment(manifest: Mapping[str, Any]) -> Attachment:
         ranges=tuple(_ranges(ipam)),
         gateway=address(ipam.get("gateway")),
         passes=any((plugin.get("capabilities") or {}).get("ips") is True for plugin in plugins),
-        exclusive=ipam.get("enable_overlapping_ranges", True) is not False,
     )
 
 

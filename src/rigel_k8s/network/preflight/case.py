@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -13,36 +12,10 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import Attachment, Range, address, find_usable, subnet
 from rigel_k8s.network.preflight.daemon import Daemon
 from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
-from rigel_k8s.network.preflight.wanted import Wanted, may_run, requests
-from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION
+from rigel_k8s.network.preflight.wanted import Wanted, may_run
 from rigel_k8s.objects.facts import is_ready
 
 Manifest = Mapping[str, Any]
-
-#: Phases of pods that have released their addresses.
-ENDED = ("Succeeded", "Failed")
-
-
-@attrs.frozen
-class Taken:
-    """An address that a pod has.
-
-    Attributes:
-        pod: NAMESPACE/POD; attachment: NAMESPACE/NAME, and node, if they are known.
-    """
-
-    address: Address
-    pod: str
-    attachment: str = ""
-    node: str = ""
-
-
-@attrs.frozen
-class AddressPool:
-    """What whereabouts has given out of one range."""
-
-    subnet: Subnet
-    taken: tuple[Taken, ...] = ()
 
 
 @attrs.frozen(kw_only=True)
@@ -56,7 +29,6 @@ class MachineView:
         attachments: those of the cluster, by NAMESPACE/NAME.
         unread: NAMESPACE/NAME of attachments that may exist, but could not be read.
         services: ranges of Services.
-        taken: addresses that pods of other attachments have.
         policies: the NetworkPolicies of the release's namespace.
     """
 
@@ -67,9 +39,7 @@ class MachineView:
     machines: Mapping[str, MachineFacts] = attrs.field(factory=dict)
     attachments: Mapping[str, Attachment] = attrs.field(factory=dict)
     unread: frozenset[str] = frozenset()
-    pools: Sequence[AddressPool] = ()
     services: Sequence[Subnet] = ()
-    taken: Sequence[Taken] = ()
     policies: Sequence[Manifest] = ()
 
 
@@ -116,24 +86,6 @@ class Case:
         fitting = (n for n in self.view.nodes if any(may_run(pod, n) for pod in pods))
         return sorted(node["metadata"]["name"] for node in fitting)
 
-    def neighbours(self, one: Attachment) -> list[Attachment]:
-        """Return the cluster's other attachments on the same interface."""
-        return [
-            other
-            for other in self.view.attachments.values()
-            if other.key != one.key
-            and one.on_an_interface
-            and other.on_an_interface
-            and other.master == one.master
-        ]
-
-    def rivals(self, one: Attachment) -> list[Attachment]:
-        """Return those of them that may give out its addresses.
-
-        Two with whereabouts do not: it keeps addresses unique over all of its ranges.
-        """
-        return [other for other in self.neighbours(one) if not _both_whereabouts(one, other)]
-
     def machines(self, one: Attachment) -> Iterator[tuple[str, MachineFacts]]:
         """Yield the machines that an attachment's pods may run on, as far as they were seen."""
         for node in self.nodes(self.users(one)):
@@ -162,68 +114,9 @@ class Case:
             for given in request.addresses
         }
 
-    def is_own(self, pod: str) -> bool:
-        """Return whether NAMESPACE/POD is one of the release's."""
-        namespace, _, name = pod.partition("/")
-        return any(
-            namespace == w.namespace and name.startswith(f"{w.workload}-") for w in self.wanted
-        )
-
-
-def _both_whereabouts(one: Attachment, other: Attachment) -> bool:
-    return one.ipam == other.ipam == "whereabouts" and one.exclusive and other.exclusive
-
 
 def addresses_of(node: Manifest) -> dict[Address, str]:
     """Return the addresses of a machine in Kubernetes, with the machine's name."""
     listed = (node.get("status") or {}).get("addresses") or []
     found = (address(one.get("address")) for one in listed)
     return {one: node["metadata"]["name"] for one in found if one is not None}
-
-
-def pool(manifest: Manifest) -> AddressPool | None:
-    """Return an IPPool of whereabouts: its allocations are offsets into the range."""
-    spec = manifest.get("spec") or {}
-    whole = subnet(spec.get("range"))
-    if whole is None:
-        return None
-    return AddressPool(
-        whole,
-        tuple(
-            Taken(whole.network_address + int(offset), str(one.get("podref", "")))
-            for offset, one in (spec.get("allocations") or {}).items()
-        ),
-    )
-
-
-def find_taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
-    """Yield pods' second addresses, from the annotation that Multus writes or from their own."""
-    for pod in (p for p in pods if (p.get("status") or {}).get("phase") not in ENDED):
-        meta, node = pod["metadata"], (pod.get("spec") or {}).get("nodeName", "")
-        notes, namespace = meta.get("annotations") or {}, meta["namespace"]
-        for key, given in _find_attached(notes, namespace):
-            yield Taken(given, f"{namespace}/{meta['name']}", key, node)
-
-
-def _find_attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
-    """Yield (attachment, address) from Multus' annotation, or else from the pod's own."""
-    if NETWORK_STATUS_ANNOTATION not in notes:
-        for request in requests(notes, namespace):
-            for given in request.addresses:
-                yield request.key, given
-        return
-    for one in _status(notes):
-        name = str(one.get("name", ""))
-        key = name if "/" in name else f"{namespace}/{name}"
-        for found in map(address, one.get("ips") or []):
-            if found is not None:
-                yield key, found
-
-
-def _status(notes: Mapping[str, str]) -> list[Manifest]:
-    """Return a pod's second networks, without its first."""
-    try:
-        read = json.loads(notes.get(NETWORK_STATUS_ANNOTATION) or "[]")
-    except ValueError:
-        return []
-    return [one for one in read if isinstance(one, dict) and not one.get("default")]

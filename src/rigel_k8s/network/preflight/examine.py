@@ -6,7 +6,7 @@ is installed, written or changed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
@@ -14,13 +14,26 @@ from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import KIND, attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.checks import findings
 from rigel_k8s.network.preflight.finding import PreflightFinding
+from rigel_k8s.network.preflight.interfaces import interfaces
+from rigel_k8s.network.preflight.policies import policies
+from rigel_k8s.network.preflight.presence import presence, programs
+from rigel_k8s.network.preflight.ranges import ranges, room
 from rigel_k8s.network.preflight.wanted import find_wanted
 from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
+
+#: All checks, in the order in which their findings are reported.
+CHECKS: Sequence[Callable[[Case], Iterator[PreflightFinding]]] = (
+    presence,
+    programs,
+    interfaces,
+    ranges,
+    room,
+    policies,
+)
 
 
 def check(
@@ -70,6 +83,11 @@ def examine(
     own = {one.key: one for one in brought}
     case, unseen = look(Case(network, pods, own), cluster)
     return [*findings(case), *unseen]
+
+
+def findings(case: Case) -> list[PreflightFinding]:
+    """Return everything that keeps a release's network from working, each once."""
+    return list(dict.fromkeys(finding for check in CHECKS for finding in check(case)))
 
 
 def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:

@@ -13,7 +13,6 @@ from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 OTHERS = ("lo", "veth", "cali", "lxc", "cni", "flannel", "docker", "kube-", "br-", "cilium", "tunl")
 #: Interfaces that take everything that arrives at their ports, so a port carries nothing else.
 TAKES_ALL = ("bridge", "bond", "team", "openvswitch")
-OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
 
 
 def interfaces(case: Case) -> Iterator[PreflightFinding]:
@@ -28,8 +27,7 @@ def interfaces(case: Case) -> Iterator[PreflightFinding]:
             yield from _check_presence(found)
             there = {n: f.interfaces[m] for n, (m, f) in found.items() if m in f.interfaces}
             yield from _check_fitness(one, there)
-            yield from _check_own_use(one, found)
-            yield from _check_other_users(case, one, there)
+            yield from _check_port(one, found)
 
 
 def _master(one: Attachment, facts: MachineFacts) -> str:
@@ -132,18 +130,12 @@ def _check_mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightF
         )
 
 
-def _check_own_use(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
-    """Yield interfaces that another interface in the machine's own network uses exclusively.
-
-    When a pod starts, the kernel only reports "Device or resource busy".
-    """
+def _check_port(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
+    """Yield ports of a bridge or a bond: the kernel only reports "Device or resource busy"."""
     for node, (master, facts) in found.items():
         uppers = facts.interfaces[master].uppers if master in facts.interfaces else ()
         for upper in (facts.interfaces[name] for name in uppers if name in facts.interfaces):
-            if upper.kind == OPPOSITE[one.program]:
-                what = f"{master} of {node} already carries {upper.kind} ({upper.name})"
-                yield _collision(one, what)
-            elif upper.kind in TAKES_ALL:
+            if upper.kind in TAKES_ALL:
                 yield PreflightFinding(
                     "interface-port",
                     f"{master} of {node} is a port of {upper.kind} {upper.name}, so it cannot carry"
@@ -151,27 +143,3 @@ def _check_own_use(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
                     f"set `interface: {upper.name}`",
                     fault="rigelfile",
                 )
-
-
-def _check_other_users(
-    case: Case, one: Attachment, there: Mapping[str, Interface]
-) -> Iterator[PreflightFinding]:
-    """Yield interfaces that other attachments' pods use with the other program, on our machines."""
-    for other in case.neighbours(one):
-        if other.program == one.program:
-            continue
-        pods = sorted(
-            {t.pod for t in case.view.taken if t.attachment == other.key and t.node in there}
-        )
-        if pods:
-            what = f"{other.master or 'the default interface'} already carries {other.program}"
-            yield _collision(one, f"{what}, by {other.key} (used by {list_some(pods, most=3)})")
-
-
-def _collision(one: Attachment, what: str) -> PreflightFinding:
-    return PreflightFinding(
-        "interface-shared",
-        f"{what}: one interface carries macvlan or ipvlan, never both",
-        f"use `mode: {OPPOSITE[one.program]}` too, or another `network.interface`",
-        fault="rigelfile",
-    )

@@ -108,12 +108,6 @@ INTERFACES: Mapping[str, PreflightKind] = {
         "Rigelfile",
         "`/sys/class/net/NAME/type`",
     ),
-    "interface-shared": PreflightKind(
-        "the interface carries ipvlan and macvlan is requested, or the other way round",
-        "use the same kind, or another interface",
-        "Rigelfile",
-        "interfaces on top of it; pods of other attachments on this machine",
-    ),
     "interface-port": PreflightKind(
         "the interface is a port of a bridge or a bond, which takes all that arrives",
         "use the bridge, for example `interface: br0`",
@@ -138,12 +132,6 @@ INTERFACES: Mapping[str, PreflightKind] = {
         "Rigelfile",
         "`/sys/class/net/NAME/mtu`",
     ),
-    "cloud": PreflightKind(
-        "macvlan in a cloud, whose network usually drops unknown MAC addresses silently",
-        "allow it there, or use `peers` or `discovery-server`",
-        "warning",
-        "`providerID` of the nodes",
-    ),
 }
 
 ADDRESSES: Mapping[str, PreflightKind] = {
@@ -157,7 +145,7 @@ ADDRESSES: Mapping[str, PreflightKind] = {
         "the subnet overlaps that of the Services",
         "use another subnet",
         "Rigelfile",
-        "[ServiceCIDRs](preflight.md#the-range-of-services)",
+        "ServiceCIDRs (Kubernetes 1.33 and newer), the Service `kubernetes`",
     ),
     "machine-address": PreflightKind(
         "pods would get addresses of machines",
@@ -177,18 +165,6 @@ ADDRESSES: Mapping[str, PreflightKind] = {
         "warning",
         "`/proc/net/route`",
     ),
-    "other-attachment": PreflightKind(
-        "another attachment on the same interface assigns the same addresses without coordination",
-        "use separate ranges, or whereabouts for both",
-        "Rigelfile",
-        "NetworkAttachmentDefinitions of all namespaces",
-    ),
-    "address-taken": PreflightKind(
-        "a pod of another attachment on the same interface has an address that would be assigned",
-        "add it to `exclude`",
-        "Rigelfile",
-        "what Multus writes on pods",
-    ),
     "host-local": PreflightKind(
         "host-local with several pods on several machines",
         "use whereabouts, or set `placement.node`",
@@ -201,12 +177,6 @@ ADDRESSES: Mapping[str, PreflightKind] = {
         "Rigelfile",
         "counting",
     ),
-    "addresses-run-out": PreflightKind(
-        "other pods hold too many of the addresses",
-        "use a larger range, or delete some pods",
-        "cluster",
-        "whereabouts' IPPools",
-    ),
 }
 
 LIMITS: Mapping[str, PreflightKind] = {
@@ -216,26 +186,6 @@ LIMITS: Mapping[str, PreflightKind] = {
         "use a VLAN, a firewall or a MultiNetworkPolicy",
         "warning",
         "NetworkPolicies of the namespace",
-    ),
-    "small-buffers": PreflightKind(
-        "`net.core.rmem_max` or `wmem_max` is below 1 MiB, so large messages"
-        " [are lost](preflight.md#socket-buffers)",
-        "run the `sysctl` command in the message",
-        "warning",
-        "`/proc/sys`",
-    ),
-    "fragments": PreflightKind(
-        "mode `host` on a machine with a radio, `net.ipv4.ipfrag_time` of 30 s, and"
-        " `ipfrag_high_thresh` of at most 4 MiB",
-        "run the `sysctl` command in the message",
-        "warning",
-        "`/proc/sys`",
-    ),
-    "neighbours": PreflightKind(
-        "the pods need [more neighbor entries](preflight.md#neighbor-entries) than a kernel keeps",
-        "run the `sysctl` command in the message",
-        "warning",
-        "`/proc/sys`, pods spread evenly",
     ),
     "unseen": PreflightKind(
         "something could not be examined",
@@ -250,5 +200,5 @@ PREFLIGHT: Mapping[str, Mapping[str, PreflightKind]] = {
     "Multus and its programs": MULTUS,
     "Interfaces": INTERFACES,
     "Addresses": ADDRESSES,
-    "Limits and policies": LIMITS,
+    "Policies, and what was not examined": LIMITS,
 }

@@ -19,12 +19,12 @@ from rigel_k8s.network.preflight.attachments import (
     POOL_KIND,
     Attachment,
     attachment,
+    subnet,
 )
-from rigel_k8s.network.preflight.case import AddressPool, Case, MachineView, Taken, find_taken, pool
+from rigel_k8s.network.preflight.case import Case, MachineView
 from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
 from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text
-from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, parse
-from rigel_k8s.network.preflight.services import service_ranges
+from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, Subnet, parse
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.rollout.causes import owner
 
@@ -35,7 +35,6 @@ T = TypeVar("T")
 Manifest = Mapping[str, Any]
 
 NOTHING: Sequence[Manifest] = ()
-NO_POOLS: Sequence[AddressPool] = ()
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
 
@@ -43,7 +42,7 @@ def look(case: Case, cluster: Cluster) -> tuple[Case, list[PreflightFinding]]:
     """Return the case with the facts about the cluster, and a warning of what is unknown."""
     eyes = _Eyes(cluster)
     case = attrs.evolve(case, view=eyes.cluster_view(case))
-    view = attrs.evolve(case.view, machines=eyes.machines(case), taken=eyes.find_taken(case))
+    view = attrs.evolve(case.view, machines=eyes.machines(case))
     # With mode `host` the machines' facts are not needed, so no warning that they are unknown.
     return attrs.evolve(case, view=view), eyes.report_unseen() if case.keys else []
 
@@ -85,8 +84,7 @@ class _Eyes:
                 "multus": lambda: self._serves(API, KIND),
                 "whereabouts": lambda: self._serves(POOL_API, POOL_KIND),
                 "attachments": lambda: self._attachments(case),
-                "services": lambda: service_ranges(cluster),
-                "pools": lambda: self._ask("whereabouts' IPPools", self._pools, NO_POOLS),
+                "services": self._service_ranges,
             }
         answers = cluster.parallel(lambda ask: ask(), questions.values())
         known = dict(zip(questions, answers, strict=True))
@@ -102,17 +100,6 @@ class _Eyes:
         asked = [daemons[n] for n in nodes if n in case.ready and not daemons[n].state]
         answers = self._cluster.parallel(self._machine, asked)
         return {one.node: facts for one, facts in zip(asked, answers, strict=True) if facts}
-
-    def find_taken(self, case: Case) -> Sequence[Taken]:
-        """Return pods' second addresses, read only if some may collide with ours."""
-        pairs = [(one, other) for one in case.attachments for other in case.neighbours(one)]
-        if not any(p.program != q.program or q in case.rivals(p) for p, q in pairs):
-            return ()
-        return self._ask(
-            "other pods' second addresses",
-            lambda: list(find_taken(self._cluster.list("v1", "Pod"))),
-            (),
-        )
 
     def _ask(self, what: str, question: Callable[[], T], otherwise: T) -> T:
         try:
@@ -144,9 +131,18 @@ class _Eyes:
         namespace = case.wanted[0].namespace
         return self._cluster.list("networking.k8s.io/v1", "NetworkPolicy", namespace)
 
-    def _pools(self) -> Sequence[AddressPool]:
-        items = self._cluster.list(POOL_API, POOL_KIND)
-        return [one for one in map(pool, items) if one is not None]
+    def _service_ranges(self) -> Sequence[Subnet]:
+        """Return the ranges of Services; before Kubernetes 1.33, which lists them, one address."""
+        try:
+            listed = self._cluster.list("networking.k8s.io/v1", "ServiceCIDR")
+        except ClusterError:
+            listed = []
+        texts = [text for one in listed for text in (one.get("spec") or {}).get("cidrs") or []]
+        if not texts:
+            kubernetes = ObjectRef("v1", "Service", "default", "kubernetes")
+            service = self._ask("Services", lambda: self._cluster.get(kubernetes), None)
+            texts = ((service or {}).get("spec") or {}).get("clusterIPs") or []
+        return [one for one in map(subnet, texts) if one is not None]
 
     def _attachments(self, case: Case) -> tuple[dict[str, Attachment], frozenset[str]]:
         """Return the cluster's attachments, at least those that pods request."""

@@ -1,8 +1,7 @@
-"""One machine's interfaces, addresses, CNI programs and limits, as a script found them.
+"""One machine's interfaces, addresses and CNI programs, as a script found them.
 
 The script is PROBE: POSIX shell that runs inside the Multus daemon's container, so it uses only
-builtins, cat, and readlink, zcat and grep where there are any. It changes nothing. (A shell's
-`read` takes one byte of a file in /proc/sys and no more, so those are read by cat.)
+builtins, cat, and readlink, zcat and grep where there are any. It changes nothing.
 """
 
 from __future__ import annotations
@@ -38,11 +37,6 @@ done
 echo @routes; cat /proc/net/route
 echo @addresses; cat /proc/net/fib_trie
 echo @addresses6; if [ -e /proc/net/if_inet6 ]; then cat /proc/net/if_inet6; fi
-echo @settings
-for s in net/core/rmem_max net/core/rmem_default net/core/wmem_max \
-  net/ipv4/ipfrag_time net/ipv4/ipfrag_high_thresh net/ipv4/neigh/default/gc_thresh3; do
-  if [ -r "/proc/sys/$s" ]; then echo "$s $(cat "/proc/sys/$s")"; fi
-done
 there() {
   q=$1 i=0
   while [ -L "$q" ] && [ ! -e "$q" ] && [ $i -lt 5 ]; do
@@ -107,7 +101,6 @@ class MachineFacts:
 
     Attributes:
         programs: directory -> its CNI programs; empty if no directory could be read.
-        settings: of sysctl, by name with dots.
         dhcp: whether the dhcp program's daemon listens; None: unknown.
         kernel: macvlan, ipvlan -> whether this kernel has it; left out if unknown.
     """
@@ -116,7 +109,6 @@ class MachineFacts:
     routes: tuple[Route, ...] = ()
     addresses: frozenset[Address] = frozenset()
     programs: Mapping[str, frozenset[str]] = attrs.field(factory=dict)
-    settings: Mapping[str, int] = attrs.field(factory=dict)
     dhcp: bool | None = None
     kernel: Mapping[str, bool] = attrs.field(factory=dict)
 
@@ -148,7 +140,6 @@ def parse(text: str) -> MachineFacts:
             [*_addresses(sections["addresses"]), *_addresses6(sections["addresses6"])]
         ),
         programs=directories,
-        settings=dict(_setting(line) for line in sections["settings"]),
         dhcp=sections["dhcp"] == ["yes"] if "dhcp" in sections else None,
         kernel=dict(_kernel(sections.get("kernel", []))),
     )
@@ -206,11 +197,6 @@ def _addresses6(lines: list[str]) -> Iterator[Address]:
         address = ipaddress.IPv6Address(bytes.fromhex(line.split()[0]))
         if not address.is_loopback and not address.is_link_local:
             yield address
-
-
-def _setting(line: str) -> tuple[str, int]:
-    name, value = line.split()
-    return name.replace("/", "."), int(value)
 
 
 def _kernel(lines: list[str]) -> Iterator[tuple[str, bool]]:

@@ -9,10 +9,6 @@ from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, group_by_text, list_some
 
-#: Clouds whose virtual networks deliver only to MAC addresses of their own machines; the names are
-#: those in a node's providerID.
-CLOUDS = ("aws", "azure", "digitalocean", "gce", "hcloud", "linode", "openstack", "vsphere")
-
 
 def presence(case: Case) -> Iterator[PreflightFinding]:
     """Yield machines without Multus, and attachments that do not exist."""
@@ -63,28 +59,6 @@ def _check_daemons(case: Case) -> Iterator[PreflightFinding]:
                 f"the Multus daemon on {node} is not ready: {daemon.state}",
                 f"kubectl -n {daemon.namespace} logs {daemon.pod} -c {daemon.container}",
             )
-
-
-def clouds(case: Case) -> Iterator[PreflightFinding]:
-    """Yield machines in clouds: most cloud networks drop what macvlan sends."""
-    if not any(one.program == "macvlan" for one in case.attachments):
-        return
-    counting = case.nodes()
-    found: dict[str, str] = {}
-    for node in case.view.nodes:
-        provider = ((node.get("spec") or {}).get("providerID") or "").partition("://")[0]
-        if provider in CLOUDS and node["metadata"]["name"] in counting:
-            found[node["metadata"]["name"]] = provider
-    for provider, nodes in group_by_text(found).items():
-        yield PreflightFinding(
-            "cloud",
-            f"{list_some(nodes)} {'is a machine' if len(nodes) == 1 else 'are machines'} of"
-            f" {provider}: virtual networks usually drop packets from macvlan's additional MAC"
-            " addresses silently",
-            "allow them there (forged transmits, port security), or use `mode: peers` or"
-            " `discovery-server`",
-            severity="warning",
-        )
 
 
 def programs(case: Case) -> Iterator[PreflightFinding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.attachments import Attachment, Range, subnet
-from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
+from rigel_k8s.network.preflight.case import Case, addresses_of
 from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
@@ -19,8 +19,6 @@ def ranges(case: Case) -> Iterator[PreflightFinding]:
             yield from _check_cluster_networks(case, given)
             yield from _check_other_interfaces(case, one, given)
             yield from _check_machines(case, one, given)
-            yield from _check_other_ranges(case, one, given)
-        yield from _check_other_pods(case, one)
         yield from _check_asked(case, one)
 
 
@@ -138,45 +136,6 @@ def _owners(case: Case) -> dict[Address, str]:
     return {one: node for one, node in found.items() if not any(one in n for n in pods)}
 
 
-def _check_other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
-    """Yield attachments on the same interface that give out the same addresses independently."""
-    for other in case.rivals(one):
-        for theirs in other.ranges:
-            if given.overlaps(theirs):
-                yield PreflightFinding(
-                    "other-attachment",
-                    f"NetworkAttachmentDefinition {other.key} ({other.ipam}) gives out {theirs} on"
-                    f" {one.master or 'the same interface'} as well, independently of {given}"
-                    f" ({one.ipam})",
-                    "use ranges that do not overlap (`network.range_start` and `range_end`), or"
-                    " whereabouts for both",
-                    fault="rigelfile",
-                )
-
-
-def _check_other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
-    """Yield addresses that pods of other attachments on the same interface have."""
-    asked, given = case.list_asked_addresses(one), case.ranges(one)
-    others = {other.key for other in case.rivals(one)}
-    clashing = [
-        f"{taken.address} ({taken.pod})"
-        for taken in case.view.taken
-        if taken.attachment in others
-        and (
-            taken.address in asked
-            if one.ipam == "static"
-            else any(one_range.gives(taken.address) for one_range in given)
-        )
-    ]
-    if clashing:
-        yield PreflightFinding(
-            "address-taken",
-            f"pods would get addresses that other pods have: {list_some(clashing)}",
-            KEEP_OFF,
-            fault="rigelfile",
-        )
-
-
 def room(case: Case) -> Iterator[PreflightFinding]:
     """Yield attachments whose addresses run out, and those that give two pods the same one."""
     for one in case.attachments:
@@ -186,7 +145,7 @@ def room(case: Case) -> Iterator[PreflightFinding]:
             yield _host_local(nodes)
         given = case.ranges(one)
         if given and one.ipam in ("whereabouts", "static", "host-local"):
-            yield from _check_room(case, one, given, pods)
+            yield from _check_room(given, pods)
 
 
 def _host_local(nodes: list[str]) -> PreflightFinding:
@@ -199,9 +158,7 @@ def _host_local(nodes: list[str]) -> PreflightFinding:
     )
 
 
-def _check_room(
-    case: Case, one: Attachment, given: tuple[Range, ...], pods: int
-) -> Iterator[PreflightFinding]:
+def _check_room(given: tuple[Range, ...], pods: int) -> Iterator[PreflightFinding]:
     # A pod gets one address of each range, so the smallest range decides.
     least = min(given, key=lambda r: r.size)
     if pods > least.size:
@@ -212,18 +169,3 @@ def _check_room(
             "use a larger `network.subnet`, or a larger range in `range_start` and `range_end`",
             fault="rigelfile",
         )
-        return
-    others = _find_held_by_others(case, least) if one.ipam == "whereabouts" else []
-    if pods > least.size - len(others):
-        yield PreflightFinding(
-            "addresses-run-out",
-            f"{pods} pods need an address, and of the {least.size} from {least} others have"
-            f" {len(others)}: {list_some((t.pod for t in others), most=3)}",
-            "use a larger `network.subnet`, or end some of those pods; `kubectl get ippools -A -o"
-            " yaml` shows their addresses",
-        )
-
-
-def _find_held_by_others(case: Case, given: Range) -> list[Taken]:
-    found = {t.address: t for pool in case.view.pools for t in pool.taken if given.gives(t.address)}
-    return [taken for _, taken in sorted(found.items()) if not case.is_own(taken.pod)]

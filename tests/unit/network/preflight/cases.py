@@ -12,8 +12,8 @@ import attrs
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
 from rigel_k8s.network.preflight.case import Case, MachineView
-from rigel_k8s.network.preflight.checks import findings
 from rigel_k8s.network.preflight.daemon import Daemon
+from rigel_k8s.network.preflight.examine import findings
 from rigel_k8s.network.preflight.finding import PreflightFinding
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts, parse
 from rigel_k8s.network.preflight.wanted import find_wanted
@@ -23,7 +23,7 @@ NAMESPACE = "robot"
 
 
 def machine(**changes: Any) -> MachineFacts:
-    """A machine of the local cluster, recorded there, with large buffers."""
+    """A machine of the local cluster, recorded there."""
     recorded = parse((MACHINES / "node2.txt").read_text("utf-8"))
     return attrs.evolve(recorded, **changes)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import attrs
 
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import MachineView, find_taken
+from rigel_k8s.network.preflight.case import MachineView
 from rigel_k8s.network.preflight.machine import MachineFacts
 
 from .cases import found, machine, nad, texts, view, with_interface, workload
@@ -122,18 +121,6 @@ def test_mtu() -> None:
     ]
 
 
-def test_ipvlan_on_the_machine_itself() -> None:
-    """An interface of the machine's own that has ipvlan on top carries no macvlan."""
-    facts = with_interface("eth0", uppers=("shim",))
-    ipvlan = attrs.evolve(facts.interfaces["eth0"], name="shim", kind="ipvlan", uppers=())
-    facts = attrs.evolve(facts, interfaces={**facts.interfaces, "shim": ipvlan})
-    assert texts(found(seen=second(facts))) == [
-        "error rigelfile interface-shared: eth0 of node2 already carries ipvlan (shim): one"
-        " interface carries macvlan or ipvlan, never both => use `mode: ipvlan` too, or"
-        " another `network.interface`"
-    ]
-
-
 def test_a_port_of_a_bridge() -> None:
     """A bridge, or a bond, has its ports for itself; the kernel only says that they are busy."""
     facts = with_interface("eth0", uppers=("br0", "lan.7"))
@@ -144,28 +131,3 @@ def test_a_port_of_a_bridge() -> None:
         "error rigelfile interface-port: eth0 of node2 is a port of bridge br0, so it cannot"
         " carry macvlan => set `interface: br0`"
     ]
-
-
-def test_ipvlan_of_other_pods() -> None:
-    """Pods of others that use the interface the other way are named; those elsewhere do no harm."""
-    other = attachment(nad("cams", "vision", type="ipvlan"))
-    pod = {
-        "metadata": {
-            "name": "cam-1",
-            "namespace": "vision",
-            "annotations": {
-                "k8s.v1.cni.cncf.io/network-status": '[{"name": "cbr0", "default": true, "ips":'
-                ' ["10.64.2.7"]}, {"name": "vision/cams", "interface": "net1", "ips":'
-                ' ["10.99.0.7"]}]'
-            },
-        },
-        "spec": {"nodeName": "node2"},
-    }
-    seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
-    assert texts(found(seen=seen)) == [
-        "error rigelfile interface-shared: eth0 already carries ipvlan, by vision/cams (used"
-        " by vision/cam-1): one interface carries macvlan or ipvlan, never both => use `mode:"
-        " ipvlan` too, or another `network.interface`"
-    ]
-    pinned = workload(nodeSelector={"kubernetes.io/hostname": "node1"})
-    assert found(nad(), pinned, seen=seen) == []

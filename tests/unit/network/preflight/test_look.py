@@ -12,13 +12,13 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.examine import examine
+from rigel_k8s.objects.refs import ObjectRef
 
 LINKS = """@links
 eth0 1 0x1003 up 1500 - - -
 @routes
 @addresses
 @addresses6
-@settings
 @end
 """
 CONFIG = {"type": "macvlan", "master": "eth0", "ipam": {"type": "static"}}
@@ -91,10 +91,7 @@ class Cluster:
         pods = [pod_of("node1"), pod_of("node2"), stranger]
         return {"DaemonSet": [daemons], "Pod": pods}.get(kind, [])
 
-    def create(self, *_: Any, **__: Any) -> None:
-        raise ClusterError("no")
-
-    def get(self, *_: Any) -> None:
+    def get(self, ref: ObjectRef) -> Any:
         return None
 
     def run(self, namespace: str, pod: str, command: list[str], **_: Any) -> ExecResult:
@@ -147,6 +144,24 @@ def test_a_machine_that_is_off() -> None:
     cluster = Cluster(lambda _: said(LINKS), off="node1")
     assert found(cluster) == ["warning preflight could not check node1 (not ready)"]
     assert [pod for pod, *_ in cluster.asked] == ["multus-node2"]
+
+
+class Older(Cluster):
+    """A cluster before Kubernetes 1.33, which does not list the ranges of Services."""
+
+    def list(self, api_version: str, kind: str, *_: Any, **__: Any) -> list[dict[str, Any]]:
+        if kind == "ServiceCIDR":
+            raise ClusterError("the server could not find the requested resource")
+        return super().list(api_version, kind)
+
+    def get(self, ref: ObjectRef) -> Any:
+        return {"spec": {"clusterIPs": ["10.9.0.1"]}} if ref.name == "kubernetes" else None
+
+
+def test_without_a_list_of_services_the_address_of_one_counts() -> None:
+    """The Service `kubernetes` has an address of their range."""
+    (error,) = found(Older(lambda _: said(LINKS)))
+    assert error.startswith("error subnet 10.9.0.0/24 overlaps the Services' network: 10.9.0.1/32")
 
 
 class WithoutMultus(Cluster):

@@ -152,17 +152,3 @@ def test_the_machines_own_network_needs_no_multus() -> None:
     seen = view(multus=False, daemons={}, machines={})
     host = workload(networks=None, hostNetwork=True)
     assert found(host, seen=seen, network=Network(mode="host")) == []
-
-
-def test_machines_of_a_cloud() -> None:
-    """A cloud's network drops macvlan's frames silently; ipvlan keeps the machine's address."""
-    nodes = [node("node1"), node("node2")]
-    nodes[1]["spec"]["providerID"] = "aws:///eu-central-1a/i-0123"
-    nodes[0]["spec"]["providerID"] = "kind://docker/kind/kind-worker"
-    seen = view(nodes=nodes, machines={})
-    assert texts(found(seen=seen)) == [
-        "warning cluster cloud: node2 is a machine of aws: virtual networks usually drop packets"
-        " from macvlan's additional MAC addresses silently => allow them there (forged"
-        " transmits, port security), or use `mode: peers` or `discovery-server`"
-    ]
-    assert found(nad(type="ipvlan"), workload(), seen=seen) == []

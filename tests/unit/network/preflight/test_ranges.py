@@ -10,7 +10,6 @@ import pytest
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import Taken, find_taken, pool
 from rigel_k8s.network.preflight.machine import Route
 
 from .cases import addresses, found, machine, nad, node, texts, view, workload
@@ -146,56 +145,10 @@ def test_a_range_that_machines_reach_elsewhere() -> None:
     ]
 
 
-def test_the_same_range_elsewhere() -> None:
-    """Two that give out the same addresses, and one of them does not ask the other."""
-    other = attachment(nad("lab", "nets", ipam={"type": "host-local", "subnet": "10.77.0.0/25"}))
-    assert texts(found(seen=view(attachments={other.key: other}))) == [
-        "error rigelfile other-attachment: NetworkAttachmentDefinition nets/lab (host-local)"
-        " gives out 10.77.0.1 to 10.77.0.126 on eth0 as well, independently of 10.77.0.1 to"
-        " 10.77.0.254 (whereabouts) => use ranges that do not overlap (`network.range_start`"
-        " and `range_end`), or whereabouts for both"
-    ]
-
-
-def test_whereabouts_keeps_overlapping_ranges_apart() -> None:
-    """Two ranges of whereabouts may overlap, unless one of them switches that off."""
-    plain = {"type": "whereabouts", "range": "10.77.0.0/16"}
-    other = attachment(nad("lab", "nets", ipam=plain))
-    assert found(seen=view(attachments={other.key: other})) == []
-    careless = attachment(nad("lab", "nets", ipam={**plain, "enable_overlapping_ranges": False}))
-    kinds = [f.kind for f in found(seen=view(attachments={careless.key: careless}))]
-    assert kinds == ["other-attachment"]
-
-
-def test_another_interface_is_another_network() -> None:
-    """The same addresses on another interface do not meet."""
-    ipam = {"type": "host-local", "subnet": "10.77.0.0/24"}
-    other = attachment(nad("lab", "nets", ipam=ipam, master="eth1"))
-    assert found(seen=view(attachments={other.key: other})) == []
-
-
-def test_an_address_that_another_pod_has() -> None:
-    """A static address of somebody else's pod on the same interface."""
-    other = attachment(nad("lab", "nets", ipam={"type": "static"}))
-    told = '[{"name": "nets/lab", "interface": "net1", "ips": ["10.77.0.9"]}]'
-    pod: dict[str, Any] = {
-        "metadata": {
-            "name": "cam",
-            "namespace": "nets",
-            "annotations": {"k8s.v1.cni.cncf.io/network-status": told},
-        }
-    }
-    seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
-    expected = (
-        "error rigelfile address-taken: pods would get addresses that other pods have:"
-        " 10.77.0.9 (nets/cam) => " + KEEP_OFF
-    )
-    assert texts(found(seen=seen)) == [expected]
-    network = Network(mode="macvlan", ipam="static", subnet="10.77.0.0/24")
-    mine = [nad(ipam={"type": "static"}, **IPS), workload(networks=static("10.77.0.9/24"))]
-    assert texts(found(*mine, seen=seen, network=network)) == [expected]
-    ended = attrs.evolve(seen, taken=list(find_taken([{**pod, "status": {"phase": "Succeeded"}}])))
-    assert found(seen=ended) == []
+def test_a_route_to_a_single_address_is_no_network() -> None:
+    """A /32 route inside of the subnet, as VPNs and pod networks set, warns of nothing."""
+    facts = machine(routes=(*machine().routes, Route("eth1", ip_network("10.77.0.7/32"))))
+    assert found(seen=view(machines={"node1": facts, "node2": machine()})) == []
 
 
 def test_host_local_on_several_machines() -> None:
@@ -240,6 +193,16 @@ def test_too_few_addresses(item: dict[str, Any], size: int, range_text: str) -> 
     assert found(item, workload(replicas=size)) == []
 
 
+def test_the_smallest_of_several_ranges_decides() -> None:
+    """A pod gets one address of each range."""
+    ranges = {"ipRanges": [{"range": "10.78.0.0/24"}, {"range": "10.79.0.0/30"}]}
+    item = nad(ipam={"type": "whereabouts", "range": "10.77.0.0/24", **ranges})
+    assert [f.message for f in found(item, workload(replicas=3))] == [
+        "3 pods need an address, and 10.79.0.0/30 has 2 to give out (10.79.0.1 to 10.79.0.2)"
+    ]
+    assert found(item, workload(replicas=2)) == []
+
+
 def test_static_without_room() -> None:
     """Static addresses come from the Rigelfile's subnet, which must have enough of them."""
     network = Network(
@@ -250,37 +213,6 @@ def test_static_without_room() -> None:
     assert [f.message for f in found(item, *pods, network=network)] == [
         "6 pods need an address, and 10.77.0.0/24 has 5 to give out (10.77.0.250 to 10.77.0.254)"
     ]
-
-
-def ippool(*owners: str) -> dict[str, Any]:
-    """An IPPool of whereabouts as it is in the cluster."""
-    allocations = {
-        str(offset): {"id": "x", "ifname": "net1", "podref": owner}
-        for offset, owner in enumerate(owners, start=1)
-    }
-    return {"spec": {"range": "10.77.0.0/29", "allocations": allocations}}
-
-
-def test_addresses_that_others_hold() -> None:
-    """Enough addresses in all, but others have some; what the release itself has is no matter."""
-    made = pool(ippool("other/a-1", "other/b-2", "robot/talker-5f-x", "other/c-3"))
-    assert made is not None
-    found_here = found(whereabouts("10.77.0.0/29"), workload(replicas=4), seen=view(pools=[made]))
-    assert texts(found_here) == [
-        "error cluster addresses-run-out: 4 pods need an address, and of the 6 from 10.77.0.1"
-        " to 10.77.0.6 others have 3: other/a-1, other/b-2, other/c-3 => use a larger"
-        " `network.subnet`, or end some of those pods; `kubectl get ippools -A -o yaml` shows"
-        " their addresses"
-    ]
-    enough = found(whereabouts("10.77.0.0/29"), workload(replicas=3), seen=view(pools=[made]))
-    assert enough == []
-
-
-def test_an_ippools_offsets_are_addresses() -> None:
-    """whereabouts counts from the range's first address."""
-    made = pool(ippool("a/b"))
-    assert made is not None
-    assert made.taken == (Taken(next(iter(addresses("10.77.0.1"))), "a/b"),)
 
 
 def test_ipv6_ranges_are_ranges() -> None:

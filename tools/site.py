@@ -1,7 +1,7 @@
 """A hook of MkDocs (mkdocs.yml): links and tables that work on GitHub also work on the site.
 
 A page links to a file of the repository by its relative path. The site has only docs/, so such a
-link becomes one to the file on GitHub, and such a picture is copied into the site. In the code of
+link becomes one to the file on GitHub. In the code of
 a table, GitHub needs `\\|` for a bar; the site would show the backslash. The page of options gets a
 class, by which docs/site.css shows a table's cells below each other on a narrow screen.
 """
@@ -13,34 +13,28 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 GITHUB = "https://github.com/rigel-k8s/rigel-k8s/blob/main"
-LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
-PICTURES = "pictures"
+LINK = re.compile(r"\[([^]]*)\]\(([^)\s]+)\)")
 OPTIONS = "reference.md"
 ROW = re.compile(r"^\|.*", re.MULTILINE)
 CODE = re.compile(r"`[^`]*`")
 
 
-def on_page_markdown(markdown: str, *, page: Page, config: Any, files: Files) -> str:
+def on_page_markdown(markdown: str, *, page: Page, config: Any, files: Any) -> str:
     """Return a page for the site: its links out of docs/ and its tables' bars replaced."""
 
     def replace(found: re.Match[str]) -> str:
-        picture, text, link = found.groups()
+        text, link = found.groups()
         path = find_outside(Path(page.file.abs_src_path or ""), link, Path(config.docs_dir))
-        if path is None:
-            return found[0]
-        if not picture:
-            return f"[{text}]({GITHUB}/{path})"
-        return f"![{text}]({include(path, page, config, files)})"
+        return found[0] if path is None else f"[{text}]({GITHUB}/{path})"
 
     return ROW.sub(show_bars, LINK.sub(replace, markdown))
 
 
-def on_page_content(html: str, *, page: Page, config: Any, files: Files) -> str:
+def on_page_content(html: str, *, page: Page, config: Any, files: Any) -> str:
     """Return a page's HTML, in an element with a class if its tables are those of options."""
     return f'<div class="options">{html}</div>' if page.file.src_uri == OPTIONS else html
 
@@ -59,11 +53,3 @@ def find_outside(page: Path, link: str, docs: Path) -> Path | None:
     if target.is_relative_to(docs.resolve()) or not target.is_relative_to(ROOT):
         return None
     return target.relative_to(ROOT) if target.exists() else None
-
-
-def include(path: Path, page: Page, config: Any, files: Files) -> str:
-    """Add a picture of the repository to the site, and return its link from a page."""
-    uri = f"{PICTURES}/{path.name}"
-    if files.get_file_from_path(uri) is None:
-        files.append(File.generated(config, uri, abs_src_path=str(ROOT / path)))
-    return "../" * page.file.src_uri.count("/") + uri

@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.rosgraph import LiveGraph
     from rigel_k8s.rosgraph.drawing.picture import Picture
 
-FORMS = ("text", "json", "dot", "mermaid", "svg")
+FORMS = ("text", "json", "dot", "mermaid")
+#: Pictures, which Graphviz draws.
+PICTURES = ("svg", "png", "pdf")
 #: The format by a file's suffix.
 ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid"}
-ENDINGS |= {".mermaid": "mermaid", ".svg": "svg"}
+ENDINGS |= {".mermaid": "mermaid", **{f".{form}": form for form in PICTURES}}
 
 
 @click.command()
@@ -35,7 +37,11 @@ ENDINGS |= {".mermaid": "mermaid", ".svg": "svg"}
     type=click.Choice(FORMS),
     help="Print in this format [default: text, or by the suffix of the file after --to].",
 )
-@click.option("--to", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file.")
+@click.option(
+    "--to",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write to this file; Graphviz draws those that end in .svg, .png or .pdf.",
+)
 @click.option(
     "--all",
     "everything",
@@ -73,7 +79,7 @@ def graph(
     if watch:
         follow(ctx, form, to, interval, job, everything=everything)
     found = actions.graph(words, job)
-    show(render(found, form, everything=everything), to)
+    show(render(found, form, everything=everything), form, to)
     return 0 if found.ok else 1
 
 
@@ -119,16 +125,18 @@ def look(
         if screen:
             screen.show(text)
         else:
-            show(text, to)
+            show(text, form, to)
         time.sleep(interval)
 
 
-def show(text: str, to: Path | None) -> None:
-    """Print a text, or write it to a file atomically.
+def show(text: str, form: str, to: Path | None) -> None:
+    """Print a text, or write it to a file atomically: as a picture if that is the form.
 
     Raises:
         UserError: the file cannot be written.
+        CommandFailed: Graphviz is not installed, or failed.
     """
+    from rigel_k8s.commands import rosgraph as actions
     from rigel_k8s.errors import UserError
 
     if to is None:
@@ -138,20 +146,24 @@ def show(text: str, to: Path | None) -> None:
     beside = to.with_name(f".{to.name}.new")
     try:
         beside.write_text(click.unstyle(text), encoding="utf-8")
+        if form in PICTURES:
+            actions.paint(text, form, beside)
         beside.replace(to)
     except OSError as error:
         raise UserError(f"cannot write {to}: {error.strerror}") from error
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def render(found: LiveGraph, form: str, *, everything: bool) -> str:
-    """Return a graph in a form."""
+    """Return a graph in a form; a picture as what Graphviz draws it from."""
     from rigel_k8s.commands import rosgraph as actions
 
     if form == "json":
         return json.dumps(graph_json(found), indent=2) + "\n"
     if form == "text":
         return graph_text(found, actions.picture_of(found, everything=everything))
-    return actions.draw(found, form, everything=everything)
+    return actions.draw(found, "dot" if form in PICTURES else form, everything=everything)
 
 
 def graph_json(found: LiveGraph) -> dict[str, Any]:

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import attrs
 
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.commands.top import TOPICS, index_by, prometheus_of, select_series
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, CommandFailed
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.drawing.dot import write_dot
 from rigel_k8s.rosgraph.drawing.mermaid import write_mermaid
 from rigel_k8s.rosgraph.drawing.picture import Picture, make_picture
-from rigel_k8s.rosgraph.drawing.svg import write_svg
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.rosgraph.types import GraphProblem, RosGraph
 from rigel_k8s.settings import Settings
+from rigel_k8s.system.process import run
 
-#: The formats in which a graph can be drawn.
-DRAWINGS: Mapping[str, Callable[[Picture], str]] = {
-    "dot": write_dot,
-    "mermaid": write_mermaid,
-    "svg": write_svg,
-}
+#: The formats in which a graph can be described.
+DRAWINGS: Mapping[str, Callable[[Picture], str]] = {"dot": write_dot, "mermaid": write_mermaid}
+PAINTING = 60.0  # seconds that Graphviz may take
 
 
 @attrs.frozen
@@ -82,6 +82,27 @@ def draw(found: LiveGraph, form: str, *, everything: bool = False) -> str:
         everything: also what each node has, such as its log topic.
     """
     return DRAWINGS[form](picture_of(found, everything=everything))
+
+
+def paint(dot: str, form: str, to: Path) -> None:
+    """Let Graphviz write a DOT document as a picture.
+
+    Args:
+        form: `svg`, `png`, `pdf`, or another one of Graphviz's.
+
+    Raises:
+        CommandFailed: Graphviz is not installed, or failed.
+    """
+    if shutil.which("dot") is None:
+        raise CommandFailed(
+            "pictures are drawn by Graphviz, and its program dot is not installed",
+            hint="install graphviz (apt, dnf, brew), or print the graph for another"
+            " machine's Graphviz: rigel graph -o dot",
+        )
+    with TemporaryDirectory() as folder:
+        source = Path(folder, "graph.dot")
+        source.write_text(dot, encoding="utf-8")
+        run(["dot", f"-T{form}", f"-o{to}", str(source)], what="dot", timeout=PAINTING)
 
 
 def picture_of(found: LiveGraph, *, everything: bool = False) -> Picture:

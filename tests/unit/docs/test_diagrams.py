@@ -14,6 +14,7 @@ from tools.screenshots.views import VIEWS
 
 #: Of a real release (tools/screenshots/release.py).
 SCREENSHOTS = {"ui-light.png", "ui-dark.png"}
+GRAPH = "graph.svg"  # by Graphviz, of tests/unit/rosgraph/golden/robot.dot
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -29,7 +30,7 @@ def test_every_picture_is_used() -> None:
     pages = "".join(page.read_text("utf-8") for page in FOLDER.parent.rglob("*.md"))
     files = {file.name for file in FOLDER.iterdir()}
     files -= {view.file for view in VIEWS}  # of the site itself
-    assert files == {f"{name}.svg" for name in PICTURES} | SCREENSHOTS
+    assert files == {f"{name}.svg" for name in PICTURES} | SCREENSHOTS | {GRAPH}
     links = set(re.findall(r"pictures/([\w.-]+)(?:#only-\w+)?\)", pages))
     assert files - links == set()
 

@@ -62,11 +62,6 @@ def test_the_search_finds_every_page(site: Path) -> None:
     assert {location.rstrip("/") or "." for location in found} == pages
 
 
-def test_pictures_outside_of_the_docs_are_there(site: Path) -> None:
-    """The graph's picture is a golden file of the tests."""
-    assert (site / "pictures" / "robot.svg").is_file()
-
-
 def test_bars_in_tables_have_no_backslash(site: Path) -> None:
     """GitHub needs one in a table's code."""
     page = (site / "cli" / "index.html").read_text("utf-8")

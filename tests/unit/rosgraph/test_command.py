@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.rosgraph import ros_graph
 
-from .graphs import ROBOT, live
+from .graphs import ODD, ROBOT, live
 from .local import LocalCluster
 
 RELEASE = ReleaseId("robots", "explorer")
@@ -157,7 +158,6 @@ def test_text_has_no_colour_in_a_pipe(found: list[Any], capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("name", "begin"),
     [
-        ("a.svg", "<svg"),
         ("a.dot", "digraph"),
         ("a.mmd", "flowchart"),
         ("a.json", "{"),
@@ -170,6 +170,40 @@ def test_a_files_name_says_its_form(
     main.run(["graph", "--to", str(tmp_path / name)], "rigel")
     assert (tmp_path / name).read_text().startswith(begin)
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+@pytest.mark.parametrize(
+    ("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")]
+)
+@pytest.mark.parametrize("graph", [ROBOT, ODD, RosGraph()])
+def test_graphviz_draws_pictures(
+    name: str, begin: bytes, graph: RosGraph, found: list[Any], tmp_path: Path
+) -> None:
+    found[:] = [live(graph)]
+    assert main.run(["graph", "--to", str(tmp_path / name)], "rigel") == int(not found[0].ok)
+    assert (tmp_path / name).read_bytes().startswith(begin)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_without_graphviz_one_error_says_how_to_get_it(
+    found: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exit code 1, and the old picture stays."""
+    file = tmp_path / "a.svg"
+    file.write_text("old")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main.run(["graph", "--to", str(file)], "rigel") == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("error:") == 1
+    assert "dot is not installed" in told.err
+    assert "hint: install graphviz" in told.err
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.svg"]
 
 
 def test_a_file_that_cannot_be_written_is_the_users_error(
@@ -223,7 +257,7 @@ def test_watching_goes_on_through_failures(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(rosgraph.time, "sleep", sleep)
-    file = tmp_path / "a.svg"
+    file = tmp_path / "a.dot"
     assert main.run(["graph", "-w", "--interval", "5s", "--to", str(file)], "rigel") == 130
     assert pauses == [5.0, 5.0, 5.0]
     assert "warning: roscore does not run" in capsys.readouterr().err

@@ -1,4 +1,8 @@
-"""A picture in DOT, for Graphviz: `rigel graph -o dot | dot -Tpdf`."""
+"""A picture in DOT: the one description that Graphviz lays out, in a file and in the page.
+
+`rigel graph --to graph.svg` passes it to the program `dot`, the page of `rigel ui` to Graphviz in
+the browser. So both agree, and lines are routed around boxes.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ def write_dot(picture: Picture) -> str:
     lines = [
         "digraph ros {",
         f"  graph [rankdir=LR, fontname=Helvetica, labelloc=t, label={quote(picture.title)}];",
-        '  node [fontname=Helvetica, fontsize=11, color="#8794a5"];',
+        '  node [shape=box, fontname=Helvetica, margin="0.22,0.08", color="#8794a5"];',
         '  edge [color="#8794a5", arrowsize=0.7];',
     ]
     for number, group in enumerate(picture.groups):
@@ -37,17 +41,17 @@ def write_dot(picture: Picture) -> str:
 
 def write_box(box: Box) -> str:
     """Return a node."""
-    style = "rounded,filled,dashed" if box.missing else "rounded,filled"
+    style = "filled,dashed" if box.missing else "filled"
     more = [BAD] if box.bad else []
-    words = [f"label={lines(box.name, box.note)}", "shape=box", f'style="{style}"']
+    words = [f"label={lines(box.name, box.note)}", f'style="{style}"']
     return f"{quote('node ' + box.name)} [{', '.join([*words, 'fillcolor=white', *more])}];"
 
 
 def write_pill(pill: Pill) -> str:
     """Return a topic."""
     more = [BAD] if pill.bad else []
-    words = [f"label={lines(show_name(pill.name), pill.type, pill.rate)}", "shape=ellipse"]
-    look = ["style=filled", 'fillcolor="#e3eefc"']
+    words = [f"label={lines(show_name(pill.name), pill.type, pill.rate)}"]
+    look = ['style="rounded,filled"', 'fillcolor="#e3eefc"']
     return f"{quote('topic ' + pill.name)} [{', '.join([*words, *look, *more])}];"
 
 

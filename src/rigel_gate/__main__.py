@@ -9,14 +9,16 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
+import resource
 import signal
 import socket
 import sys
 import time
+from collections import Counter
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Awaitable, Iterator
+from typing import Any, Awaitable, Iterator
 
 from rigel_gate.calls import Answer, Call
 from rigel_gate.cluster import ClusterObject, NotKept, Overtaken
@@ -57,12 +59,18 @@ class Keeper:
 
     async def begin(self) -> None:
         """Find what an earlier gate has left: one of this pod, or of another pod."""
-        found = self._journal.read()
+        found = None
+        try:
+            found = self._journal.read()
+        except (OSError, ValueError) as error:
+            log(f"the memory in {FILE} is not used: {error}")
         if found is None and self._place is not None:
             found = await self._read_cluster(self._place)
         elif found:  # the cluster may not have the last of it
             self._changed.set()
         self.state = found or self.state
+        if self.state.left_out:
+            log(f"{self.state.left_out} lines of the memory cannot be read: they are left out")
         with self._reporting(FILE):
             self._journal.begin(self.state)
 
@@ -90,7 +98,11 @@ class Keeper:
         """Write what has changed to the cluster, until the end."""
         while self._place is not None:
             await self._changed.wait()
-            await self.save()
+            try:
+                await self.save()
+            except Exception as error:  # without this nothing would be written any more
+                self._changed.set()
+                self._report(CLUSTER, repr(error))
             await asyncio.sleep(PAUSE)
 
     async def save(self) -> None:
@@ -101,7 +113,7 @@ class Keeper:
         text = compress(self.state)
         try:
             if len(text) > LARGEST:
-                raise NotKept(f"{len(text)} bytes are too many for an object")
+                raise NotKept(f"it has more than {LARGEST} bytes, compressed")
             await asyncio.get_running_loop().run_in_executor(None, self._place.write, text)
             self._report(CLUSTER, "")
         except Overtaken as error:
@@ -120,6 +132,11 @@ class Keeper:
         except OSError as error:
             self._report(where, str(error))
 
+    def list_troubles(self) -> list[str]:
+        """Return where the memory is not kept, and why not."""
+        found = self._trouble.items()
+        return [f"the memory is not kept in {where}: {why}" for where, why in found if why]
+
     def _report(self, where: str, trouble: str) -> None:
         if trouble != self._trouble.get(where, ""):
             good = f"the memory is kept in {where} again"
@@ -137,24 +154,43 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
     links = HttpLinks(options.master_port)
     own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or socket.gethostname()
     uri = f"http://{own}:{options.port}/"
-    gate = Gate(keeper.state, links, uri, keeper.keep, log)
+    gate = Gate(keeper.state, links, uri, keeper.keep, log, keeper.list_troubles)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in SIGNALS:
         loop.add_signal_handler(number, ended.set)
+    loop.set_exception_handler(FailureLog())
     gate.start()
+    callers: Counter[str] = Counter()
 
     def answering(call: Call, host: str, *, hands_over: bool) -> Awaitable[Answer]:
         return gate.answer(call, hands_over=hands_over, host=host)
 
     for door, hands_over in zip(sockets, (False, True)):
-        made = partial(Door, partial(answering, hands_over=hands_over))
+        made = partial(Door, partial(answering, hands_over=hands_over), callers)
         await loop.create_server(made, sock=door)
     saving = asyncio.ensure_future(keeper.run())
     await ended.wait()
     saving.cancel()
     await keeper.save()
     await gate.stop()
+
+
+class FailureLog:
+    """Logs what asyncio reports in one line, and the same again once a minute at most.
+
+    Without free files it reports each connection that it cannot take.
+    """
+
+    def __init__(self) -> None:
+        self._last, self._when = "", 0.0
+
+    def __call__(self, _: asyncio.AbstractEventLoop, failure: dict[str, Any]) -> None:
+        """Take a failure, as the handler of a loop's exceptions."""
+        text = f"{failure['message']}: {failure.get('exception')}"
+        if text != self._last or time.monotonic() - self._when > 60:
+            self._last, self._when = text, time.monotonic()
+            log(f"error: {text}")
 
 
 def listen(port: int) -> socket.socket:
@@ -215,6 +251,8 @@ def work(sockets: list[socket.socket], options: argparse.Namespace) -> None:
 
 def main(arguments: list[str]) -> int:
     """Open the sockets and serve; return the exit code, 1 if a port is taken."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a file for each connection
     parser = argparse.ArgumentParser(prog="gate")
     parser.add_argument("--port", type=int, default=11311, help="where nodes find the master")
     parser.add_argument(

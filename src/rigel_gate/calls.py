@@ -28,6 +28,15 @@ class BadCall(Exception):
     """The request is not an XML-RPC call, or does not have its method's arguments."""
 
 
+def check(body: bytes) -> None:
+    """Raise BadCall for a document that declares types or entities, and for one in UTF-16.
+
+    Python's XML parser expands entities without a limit before Expat 2.4. No ROS client uses them.
+    """
+    if b"<!DOCTYPE" in body or b"\0" in body:
+        raise BadCall("a document type is not accepted")
+
+
 class Call:
     """A call of the master's API.
 
@@ -46,6 +55,7 @@ class Call:
     @classmethod
     def read(cls, body: bytes) -> Call:
         """Return the call that an XML document makes; only its method is looked at."""
+        check(body)
         found = _METHOD.search(body)
         if not found:
             raise BadCall("no methodName")
@@ -102,6 +112,7 @@ class Answer:
         """[code, message, value], and for a fault [-1, its text, 0]."""
         if self._value is None:
             try:
+                check(self._body or b"")
                 self._value = xmlrpc.client.loads(self._body or b"")[0][0]
             except Exception as error:
                 self._value = [-1, str(error), 0]
@@ -170,6 +181,14 @@ def removal_of(call: Call) -> Removal | None:
     else:
         node, key, uri = call.texts(3)
     return Removal(kind, resolve_name(key, node), node, uri)
+
+
+def describe_call(call: Call) -> str:
+    """Return what a call registers or sets, for people to read."""
+    one = registration_of(call)
+    return (
+        f"{one.kind} {one.key} of {one.node} at {one.api}" if one else f"parameter {call.params[1]}"
+    )
 
 
 def call_of(one: Registration) -> Call:

@@ -14,8 +14,9 @@ from rigel_gate.handover import find_owner
 from rigel_gate.master import Master
 from rigel_gate.newcomers import Newcomers
 from rigel_gate.nodes import Nodes
+from rigel_gate.parameters import Parameters
 from rigel_gate.registry import Registration, resolve_name
-from rigel_gate.state import pack
+from rigel_gate.state import pack, unpack
 from rigel_gate.takeover import TakeOver
 
 
@@ -50,8 +51,7 @@ class Changes:
         if removal:
             return await self._unregister(call, removal)
         if call.method == "setParam" and len(call.params) == 3:
-            key = resolve_name(call.texts(2)[1], call.texts(2)[0])
-            return await self._change_parameter(call, ("set", key, pack(call.params[2])))
+            return await self._set_parameter(call)
         if call.method == "deleteParam":
             node, key = call.texts(2)
             return await self._change_parameter(call, ("delete", resolve_name(key, node)))
@@ -108,6 +108,17 @@ class Changes:
             if self._state.registry.api_of(removal.node) is None:
                 self._context.spawn(self._takeover.give_free(removal.node))
             return answer
+
+    async def _set_parameter(self, call: Call) -> Answer:
+        """Set a parameter, unless it is one that could not be given to the next master."""
+        node, key = call.texts(2)
+        name, value = resolve_name(key, node), call.params[2]
+        try:
+            packed = pack(value)
+            Parameters().set(name, unpack(packed))
+        except Exception as error:  # of xmlrpc.client: a large number, a date that is none
+            return fault(f"{name} cannot be set: {error!r}")
+        return await self._change_parameter(call, ("set", name, packed))
 
     async def _change_parameter(self, call: Call, event: tuple[str, ...]) -> Answer:
         async with self._context.turn:

@@ -31,6 +31,8 @@ from rigel_gate.takeover import TakeOver
 
 #: Seconds between two checks of the nodes that wait for a name and of those that have it.
 LOOK = 0.25
+#: Bytes that the answers to the calls of one `system.multicall` may have together.
+LARGEST = 64 * 2**20
 
 
 class Gate:
@@ -41,6 +43,7 @@ class Gate:
         uri: the gate's own, which callers use as the master's.
         keep: called with each event before its cause is answered.
         log: called with a line for people to read.
+        list_troubles: returns why the state is not kept, for `describe`.
     """
 
     def __init__(
@@ -50,9 +53,11 @@ class Gate:
         uri: str,
         keep: Callable[[Event], None],
         log: Callable[[str], None],
+        list_troubles: Callable[[], list[str]] = list,
     ) -> None:
         self.state = state
         self._uri = uri
+        self._list_troubles = list_troubles
         self._context = Context(state, links, keep, log)
         self._master = Master(self._context)
         self._nodes = Nodes(self._context)
@@ -103,12 +108,17 @@ class Gate:
 
     async def _answer_many(self, call: Call, *, hands_over: bool, host: str) -> Answer:
         answers: list[Any] = []
+        size = 0
         try:
             calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
         except (BadCall, LookupError, TypeError):
             return await self._master.ask(call)
         for one in calls:
-            answers.append([(await self.answer(one, hands_over=hands_over, host=host)).value])
+            answer = await self.answer(one, hands_over=hands_over, host=host)
+            size += len(answer.body)
+            if size > LARGEST:
+                return fault(f"the answers have more than {LARGEST} bytes")
+            answers.append([answer.value])
         return Answer(answers)
 
     async def _find_service(self, call: Call, host: str) -> Answer:
@@ -146,5 +156,7 @@ class Gate:
             "has_master": self._master.is_ready,
             "silent": sorted(self.state.silent),
             "restarts": self._restoring.restarts,
+            "troubles": [*self._master.list_troubles(), *self._list_troubles()],
+            "refused": self._restoring.refused,
             "nodes": len(self.state.registry.nodes),
         }

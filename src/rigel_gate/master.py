@@ -25,6 +25,7 @@ class Master:
         self._context = context
         self._ready = asyncio.Event()
         self._away = False  # whether the last attempt to reach it failed
+        self._trouble = ""  # why it could not be made complete
         self._started = False
         self._open = asyncio.Event()  # set while no name changes hands
         self._asking = 0
@@ -58,6 +59,10 @@ class Master:
     def has_started(self) -> bool:
         """Whether this gate has had a complete master, and has finished an earlier gate's work."""
         return self._started
+
+    def list_troubles(self) -> list[str]:
+        """Return why calls wait though a master answers, for people to read."""
+        return [self._trouble] if self._trouble else []
 
     async def until_ready(self) -> None:
         """Return when the master answers and has all registrations."""
@@ -141,7 +146,7 @@ class Master:
             run = (await self._context.links.master(Call("getParam", (GATE, "/run_id")))).result
         except Exception:  # whatever the cause, _recover meets it again and reports it
             return False
-        return bool(run) and run == self._context.state.run
+        return bool(run) and str(run) == self._context.state.run
 
     async def _recover(self) -> None:
         """Wait for a master, and until it has been given all that it is missing."""
@@ -153,9 +158,10 @@ class Master:
                 self._away = True
                 await self._context.links.sleep(RETRY)
             except Exception as error:  # without this the gate would wait for the master forever
-                self._context.log(f"error: {error!r}")
+                self._trouble = f"the new master cannot be given its registrations: {error!r}"
+                self._context.log(f"error: {self._trouble}")
                 await self._context.links.sleep(1)
-        self._away = False
+        self._away, self._trouble = False, ""
         self._ready.set()
         if not self._started:
             try:

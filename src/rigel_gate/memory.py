@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Iterable
 
-from rigel_gate.state import Event, State
+from rigel_gate.state import Event, State, check
 
 #: Lines in the file after which it is rewritten.
 LINES = 20000
@@ -30,12 +30,20 @@ class Journal:
         self._lines = 0
 
     def read(self) -> State | None:
-        """Return the state that was kept, None if none was."""
-        try:
-            text = self._path.read_text("utf-8")
-        except FileNotFoundError:
+        """Return the state that was kept, None if none was.
+
+        Raises:
+            OSError, ValueError: nothing in it can be read.
+        """
+        if not self._path.exists():
             return None
-        return replay(text.splitlines())
+        if not self._path.is_file():
+            raise ValueError(f"{self._path} is not a file")
+        lines = self._path.read_bytes().splitlines()
+        state = replay(lines)
+        if lines and state.left_out == len(lines):
+            raise ValueError("no line of it is an event")
+        return state
 
     def begin(self, state: State) -> None:
         """Write a state; later events are added to it."""
@@ -71,14 +79,16 @@ def line_of(event: Event) -> str:
     return json.dumps(event) + "\n"
 
 
-def replay(lines: Iterable[str]) -> State:
-    """Return the state that lines give, without those that are cut off or from another gate."""
+def replay(lines: Iterable[str | bytes]) -> State:
+    """Return the state that lines give, without those that are damaged or from another version."""
     state = State()
     for line in lines:
         try:
-            state.apply(json.loads(line))
-        except (ValueError, AttributeError, LookupError, TypeError):
-            continue
+            event = json.loads(line)
+            check(event)
+            state.apply(event)
+        except Exception:  # json's, expat's, too deep: whatever it is, it concerns this line alone
+            state.left_out += 1
     return state
 
 
@@ -91,8 +101,6 @@ def compress(state: State) -> str:
 def decompress(text: str) -> State:
     """Return the state of a text of `compress`; raises ValueError for another one."""
     try:
-        plain = zlib.decompress(base64.b64decode(text, validate=True)).decode("utf-8")
-        lines: list[str] = plain.splitlines()
-        return replay(lines)
+        return replay(zlib.decompress(base64.b64decode(text, validate=True)).splitlines())
     except (ValueError, zlib.error) as error:
         raise ValueError(f"this gate did not write it: {error}") from error

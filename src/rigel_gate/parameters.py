@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Iterator
 
+#: Levels of names and values. Python's reader and writer of XML-RPC, here and in roscore, call
+#: themselves for each level, a few hundred times at most.
+DEEPEST = 100
 #: What each roscore sets for itself: a new one must keep its own.
 OF_ROSCORE = ("run_id", "rosdistro", "rosversion", "roslaunch")
 
@@ -15,8 +18,14 @@ class Parameters:
         self.tree: dict[str, Any] = {}
 
     def set(self, key: str, value: Any) -> None:
-        """Set a parameter, or a whole namespace; a value in the place of a namespace is removed."""
+        """Set a parameter, or a whole namespace; a value in the place of a namespace is removed.
+
+        Raises:
+            ValueError: it is too deep.
+        """
         parts = split(key)
+        if len(parts) + depth(value) > DEEPEST:
+            raise ValueError(f"the parameter has more than {DEEPEST} levels")
         if not parts:
             self.tree = dict(value) if isinstance(value, dict) else {}
             return
@@ -57,6 +66,18 @@ class Parameters:
 def split(key: str) -> list[str]:
     """Return the parts of a full name."""
     return [part for part in key.split("/") if part]
+
+
+def depth(value: Any) -> int:
+    """Return how deep lists and dictionaries are nested in a value, at most one above DEEPEST."""
+    level, found = 0, [value]
+    while level <= DEEPEST:
+        nested = [one for one in found if isinstance(one, (dict, list))]
+        if not nested:
+            break
+        level += 1
+        found = [x for one in nested for x in (one.values() if isinstance(one, dict) else one)]
+    return level
 
 
 def leaves(value: Any, name: str) -> Iterator[str]:

@@ -86,10 +86,14 @@ def find_unregistered(state: State, known: Known) -> list[Registration]:
     ]
 
 
-def batch(
-    calls: Iterable[tuple[str, tuple[Any, ...]]], size: int
-) -> Iterator[list[dict[str, Any]]]:
-    """Yield calls as `system.multicall` takes them, so many at a time."""
-    found = [{"methodName": method, "params": list(params)} for method, params in calls]
-    for start in range(0, len(found), size):
-        yield found[start : start + size]
+def list_refusals(answers: Any, count: int) -> list[str]:
+    """Return why a master refused each call of a `system.multicall`, "" for those that it did not.
+
+    Args:
+        answers: its answer, one or a fault for each call; all are refused if it is anything else.
+        count: how many calls it got.
+    """
+    if not isinstance(answers, list) or len(answers) != count:
+        return [str(answers)] * count
+    singles = [one[0] if isinstance(one, list) and one else one for one in answers]
+    return ["" if isinstance(one, list) and one[:1] == [1] else str(one) for one in singles]

@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Any, Iterable
+from typing import Any, Iterable, Sequence
 
-from rigel_gate.calls import GATE, Call, call_of
+from rigel_gate.calls import GATE, Call, call_of, describe_call
 from rigel_gate.context import Context
 from rigel_gate.links import NodeGone, NodeSilent
 from rigel_gate.master import Master
 from rigel_gate.nodes import PATIENCE, Nodes
 from rigel_gate.recovery import (
     Known,
-    batch,
     find_lost_nodes,
     find_lost_parameters,
     find_unknown,
     find_unregistered,
     is_same_node,
+    list_refusals,
     list_topics_without,
     read_system,
 )
@@ -46,6 +46,7 @@ class Restoring:
 
     Attributes:
         restarts: how many masters were given their registrations again.
+        refused: the registrations and parameters that the last one did not accept, and why.
     """
 
     def __init__(self, context: Context, master: Master, nodes: Nodes) -> None:
@@ -54,11 +55,12 @@ class Restoring:
         self._master = master
         self._nodes = nodes
         self.restarts = 0
+        self.refused: list[str] = []
 
     async def complete_master(self) -> None:
         """Make a master that answers complete; raises MasterGone if it ends meanwhile."""
         system = await self._ask_now("getSystemState")
-        run = await self._ask_now("getParam", "/run_id") or ""
+        run = str(await self._ask_now("getParam", "/run_id") or "")
         known = read_system(system)
         if not self._master.has_started and run and run == self._state.run:
             await self._follow_master(known)
@@ -90,6 +92,7 @@ class Restoring:
     async def _give_back(self, nodes: list[str], parameters: list[tuple[str, Any]]) -> None:
         """Register again what a new master is missing, as far as it is still true."""
         self.restarts += 1
+        self.refused.clear()
         entries = [self._state.registry.nodes[name] for name in nodes if name != ROSOUT]
         lives = await asyncio.gather(*(self._is_there(entry) for entry in entries))
         gone: list[Registration] = []
@@ -101,9 +104,9 @@ class Restoring:
             if is_alive is None:
                 self._context.note("silent", entry.name)
         kept = {entry.name for entry, is_alive in zip(entries, lives) if is_alive}
-        await self._make_calls([("setParam", (GATE, *pair)) for pair in parameters])
+        await self._make_calls([Call("setParam", (GATE, *pair)) for pair in parameters])
         again = [one for one in self._state.registry.all() if one.node in kept]
-        await self._make_calls([(call_of(one).method, call_of(one).params) for one in again])
+        await self._make_calls([call_of(one) for one in again])
         self._send_shrunk(gone)
         self._context.log(
             f"a new master: restored {len(again)} registrations of {len(kept)} nodes and"
@@ -111,23 +114,41 @@ class Restoring:
             f" unreachable: {len(self._state.silent)}"
         )
 
-    async def _make_calls(self, calls: list[tuple[str, tuple[Any, ...]]]) -> None:
-        """Make many calls in few requests."""
-        for some in batch(calls, BATCH):
-            await self._context.links.master(Call("system.multicall", (some,)))
+    async def _make_calls(self, calls: Sequence[Call]) -> None:
+        """Make many calls in few requests; note what the master refuses."""
+        for start in range(0, len(calls), BATCH):
+            some = calls[start : start + BATCH]
+            listed = [{"methodName": one.method, "params": list(one.params)} for one in some]
+            answer = await self._context.links.master(Call("system.multicall", (listed,)))
+            refusals = list_refusals(answer.value, len(some))
+            if len(some) > 1 and all(refusals):  # perhaps one of them spoils the request
+                for one in some:
+                    await self._make_calls([one])
+                continue
+            for one, why in zip(some, refusals):
+                if why:
+                    self.refused.append(f"{describe_call(one)}: {why}")
+                    self._context.log(f"the master refuses {self.refused[-1]}")
 
     async def _is_there(self, entry: NodeEntry) -> bool | None:
         """Return whether a node still runs at its address; None: it is not known now."""
         try:
             call = Call("getPublications", (GATE,))
             answer = await self._context.links.node(entry.api, call, PATIENCE)
+            leaving = {(one.kind, one.key, one.node) for one in self._context.removals}
+            own = [
+                one
+                for one in entry.registrations.values()
+                if (one.kind, one.key, one.node) not in leaving
+            ]
+            return is_same_node(own, answer.result)
         except NodeGone:
             return False
         except NodeSilent:
             return None
-        leaving = {(one.kind, one.key, one.node) for one in self._context.removals}
-        own = [o for o in entry.registrations.values() if (o.kind, o.key, o.node) not in leaving]
-        return is_same_node(own, answer.result)
+        except Exception as error:  # whatever one node does, the others go on
+            self._context.log(f"error: {entry.name} at {entry.api}: {error!r}")
+            return False
 
     async def _try_again(self, name: str) -> None:
         """Register a node that was silent when the master came back, once it answers."""
@@ -199,4 +220,4 @@ class Restoring:
         """Remember which master this is, once roscore has given it its number."""
         run = (await self._master.call(Call("getParam", (GATE, "/run_id")))).result
         if run and not self._state.run:
-            self._context.note("run", run)
+            self._context.note("run", str(run))

@@ -61,6 +61,27 @@ class Newcomer:
         )
 
 
+#: How many words each event has after its name. All are texts; a `register` and a `pod` end with
+#: yes or no.
+WORDS = {
+    **{"run": 1, "set": 2, "delete": 1, "register": 6, "unregister": 4, "forget": 1, "silent": 1},
+    **{"answers": 1, "wait": 5, "unwait": 4, "dismiss": 2, "pod": 4, "leave": 1, "away": 1},
+}
+
+
+def check(event: Any) -> None:
+    """Raise ValueError for an event that no gate of this version writes."""
+    if not isinstance(event, list) or not event or WORDS.get(str(event[0])) != len(event) - 1:
+        raise ValueError(f"not an event: {event!r:.200}")
+    name, *texts = event
+    if name in ("register", "pod") and not isinstance(texts.pop(), bool):
+        raise ValueError(f"the last word of {name} is not true or false")
+    if not all(isinstance(one, str) for one in texts):
+        raise ValueError(f"a word of {name} is not a text")
+    if name in ("register", "wait") and texts[0] not in KINDS:
+        raise ValueError(f"an unknown kind of registration: {texts[0]:.200}")
+
+
 class State:
     """What the master has, which nodes wait, and which pods there are.
 
@@ -71,6 +92,7 @@ class State:
         leaving: hosts whose pods are about to end.
         silent: nodes that the master does not have, since they did not answer when it returned.
         run: the /run_id of the master with which all this was registered, "" if it has none.
+        left_out: how many events of an earlier gate could not be read; not kept.
     """
 
     def __init__(self) -> None:
@@ -81,6 +103,7 @@ class State:
         self.leaving: set[str] = set()
         self.silent: set[str] = set()
         self.run = ""
+        self.left_out = 0
 
     def apply(self, event: Event) -> None:
         """Apply an event."""

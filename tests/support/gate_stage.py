@@ -107,6 +107,18 @@ def slow_down(world: World, method: str, seconds: float) -> None:
     world.node = node  # type: ignore[method-assign]
 
 
+def fail_always(world: World, method: str, error: Exception) -> None:
+    """Let each of the master's calls of this method fail."""
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == method:
+            raise error
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+
+
 def fail_once(world: World, method: str, error: Exception) -> None:
     """Let the master's next call of this method fail."""
     real = world.master

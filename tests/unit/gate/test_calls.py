@@ -30,6 +30,14 @@ from tests.support.gate_stage import (
 )
 from tests.support.gate_world import ROSCPP, ROSPY, Plan, SimNode, SimPod, World
 
+
+def xml_call(value: str) -> Call:
+    """A `setParam` with a value that xmlrpc.client would not write."""
+    words = "".join(f"<param><value>{one}</value></param>" for one in ("/tool", "/x", value))
+    name = "<methodName>setParam</methodName>"
+    return Call.read(f"<methodCall>{name}<params>{words}</params></methodCall>".encode())
+
+
 # -- what newcomers hear --
 
 
@@ -594,3 +602,68 @@ async def test_what_the_master_refuses_in_a_hand_over_is_not_remembered(world: W
 @play
 async def test_the_masters_address_is_the_gates(world: World) -> None:
     assert (await world.call(Call("getUri", ("/tool",)))).result == "http://ros-master:11311/"
+
+
+# -- parameters that a later master could not be given --
+
+
+def nested(value: Any, levels: int) -> Any:
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        Call("setParam", ("/tool", "/a" * 500, 1)),
+        Call("setParam", ("/tool", "/a" * 60, nested(1, 60))),
+        Call("setParam", ("/tool", "/x", nested(1, 101))),
+        xml_call("<array><data><value>" * 20_000 + "</value></data></array>" * 20_000),
+        xml_call("<dateTime.iso8601>&lt;x&gt;</dateTime.iso8601>"),
+        xml_call("<int>4294967296</int>"),
+    ],
+)
+def test_a_parameter_that_could_not_be_kept_is_refused(call: Call):
+    """With a fault, before roscore has it: gate and roscore would no longer agree."""
+
+    async def story(world: World) -> None:
+        await up(world, TALKER)
+        calls = note_calls(world)
+        answer = await world.call(call)
+        assert answer.value[0] == -1
+        assert "cannot be set" in answer.value[1]
+        assert not [one for one in calls if one.method == "setParam"]
+        assert world.gate is not None
+        assert world.gate.state.parameters.tree == {}
+
+    play(story)()
+
+
+@play
+async def test_a_parameter_of_many_levels_is_kept(world: World) -> None:
+    """More than any robot has."""
+    await up(world, TALKER)
+    for key, value in (("/a" * 50, nested(1, 50)), ("/b", nested(1, 99))):
+        assert (await world.call(Call("setParam", ("/tool", key, value)))).is_success
+    world.kill_master()
+    world.start_master()
+    assert (await look_up(world)).is_success
+    assert world.master_now is not None
+    assert world.master_now.parameters.get("/b") == nested(1, 99)
+    assert world.master_now.parameters.get("/a" * 50) == nested(1, 50)
+
+
+@play
+async def test_the_answers_of_many_calls_have_a_limit(world: World) -> None:
+    """A small request for one large parameter, many times over, fills no memory."""
+    await up(world, TALKER)
+    await world.call(Call("setParam", ("/tool", "/map", 2**20 * "x")))
+    one = {"methodName": "getParam", "params": ["/tool", "/map"]}
+    calls = note_calls(world)
+    few = await world.call(Call("system.multicall", ([one] * 3,)))
+    assert [len(answer[0][2]) for answer in few.value] == [2**20] * 3
+    many = await world.call(Call("system.multicall", ([one] * 400,)))
+    assert many.value[0] == -1
+    assert "more than" in many.value[1]
+    assert len(calls) < 100

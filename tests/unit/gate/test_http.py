@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import socket
 import struct
 import xmlrpc.client
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from functools import partial
 from typing import Any
 
 import pytest
 
 from rigel_gate import http
 from rigel_gate.calls import Answer, Call
+from rigel_gate.context import Context
 from rigel_gate.http import Door, HttpLinks, place_of
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
+from rigel_gate.nodes import Nodes
+from rigel_gate.state import State
 
 LOCAL = "127.0.0.1"
 BODY = Call("echo", ("/me", "hello")).body
@@ -33,7 +39,8 @@ def request(body: bytes = BODY, *, line: str = "POST /RPC2 HTTP/1.1", head: str 
 @asynccontextmanager
 async def door(answering: Answering = echo) -> AsyncIterator[int]:
     """Open a door; its port."""
-    server = await asyncio.get_running_loop().create_server(lambda: Door(answering), LOCAL, 0)
+    made = partial(Door, answering, Counter())
+    server = await asyncio.get_running_loop().create_server(made, LOCAL, 0)
     async with server:
         yield server.sockets[0].getsockname()[1]
 
@@ -158,6 +165,8 @@ def test_calls_of_a_connection_are_answered_one_after_the_other():
         ("POST / HTTP/1.1\r\nContent-Length: ²\r\n\r\n".encode("latin-1"), "411"),
         (b"POST / HTTP/1.1\r\nContent-Length: -1\r\n\r\n", "411"),
         (b"POST / HTTP/1.1\r\nContent-Length: 999999999999\r\n\r\n", "501"),
+        (b"POST / HTTP/1.1\r\nContent-Length: " + 10000 * b"9" + b"\r\n\r\n", "411"),
+        (f"POST / HTTP/1.1\r\nContent-Length: {http.LARGEST_BODY + 1}\r\n\r\n".encode(), "501"),
         (b"POST / HTTP/1.1\r\nX: " + 70000 * b"x", "431"),
     ],
 )
@@ -254,13 +263,160 @@ def test_a_call_brings_the_address_that_it_came_from():
         async with door(note) as port, caller(port) as (reader, writer):
             writer.write(request())
             await read_answer(reader)
-        far = Door(note)
+        far = Door(note, Counter())
         far.connection_made(Far())
         far.data_received(request())
         await asyncio.sleep(0)
 
     run(work())
     assert seen == [LOCAL, "10.1.0.3"]
+
+
+# -- callers that take more than their part --
+
+
+def test_what_follows_a_call_is_not_read_before_its_answer():
+    """However much a caller sends: the machine's buffers hold it, and not the gate."""
+    going, asked = asyncio.Event(), []
+
+    async def wait(call: Call, host: str) -> Answer:
+        asked.append(call)
+        await going.wait()
+        return Answer([1, "", 0])
+
+    async def work() -> None:
+        doors: list[Door] = []
+
+        def made() -> Door:
+            doors.append(Door(wait, Counter()))
+            return doors[-1]
+
+        async with await asyncio.get_running_loop().create_server(made, LOCAL, 0) as listening:
+            port = listening.sockets[0].getsockname()[1]
+            async with caller(port) as (reader, writer):
+                writer.write(request())
+                while not asked:
+                    await asyncio.sleep(0.01)
+                writer.write(request(b"<methodName>m</methodName>" + b" " * 8 * 2**20))
+                await asyncio.sleep(0.2)
+                assert len(doors[0]._data) < 2**20
+                going.set()
+                for _ in range(2):
+                    await read_answer(reader)
+        assert len(asked) == 2
+
+    run(work())
+
+
+def test_answers_that_no_one_reads_are_not_made():
+    """A caller that only asks is answered as far as it reads, and in full once it does."""
+    asked = []
+
+    async def large(call: Call, host: str) -> Answer:
+        asked.append(call)
+        return Answer([1, "x" * 2**20, 0])
+
+    async def work() -> None:
+        async with door(large) as port, caller(port) as (reader, writer):
+            writer.write(request() * 100)
+            await asyncio.sleep(0.5)
+            assert len(asked) < 20
+            for _ in range(100):
+                await read_answer(reader)
+
+    run(work())
+
+
+@pytest.mark.parametrize("sent", [b"", b"POST / HTTP/1.1\r\nContent-Le", request()[:-1]])
+def test_a_caller_that_makes_no_call_is_not_waited_for(
+    sent: bytes, monkeypatch: pytest.MonkeyPatch
+):
+    """Half a head, half a body, nothing: its connection ends."""
+    monkeypatch.setattr(http, "IDLE", 0.1)
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            writer.write(request() + sent)
+            await read_answer(reader)
+            with suppress(ConnectionResetError):
+                assert await asyncio.wait_for(reader.read(), 10) == b""
+
+    run(work())
+
+
+def test_a_caller_that_waits_for_its_answer_is_not_idle(monkeypatch: pytest.MonkeyPatch):
+    """A node may wait for a name, or for roscore, as long as it takes."""
+    monkeypatch.setattr(http, "IDLE", 0.1)
+
+    async def slow(call: Call, host: str) -> Answer:
+        await asyncio.sleep(0.5)
+        return Answer([1, "", 0])
+
+    async def work() -> None:
+        async with door(slow) as port, caller(port) as (reader, writer):
+            writer.write(request())
+            assert (await read_answer(reader))[1][0] == 1
+
+    run(work())
+
+
+def test_one_address_has_no_more_than_its_connections(monkeypatch: pytest.MonkeyPatch):
+    """And gets others as these end."""
+    monkeypatch.setattr(http, "MOST_OF_ONE", 2)
+
+    async def works(port: int) -> bool:
+        async with caller(port) as (reader, writer):
+            writer.write(request())
+            with suppress(OSError, EOFError):
+                return (await read_answer(reader))[1][0] == 1
+            return False
+
+    async def work() -> None:
+        async with door() as port:
+            async with caller(port), caller(port):
+                assert not await works(port)
+            await asyncio.sleep(0.05)
+            assert await works(port)
+
+    run(work())
+
+
+def test_a_probe_is_answered_without_a_master():
+    """By the program that answers calls; it never gets to roscore."""
+
+    async def none(call: Call, host: str) -> Answer:
+        raise AssertionError(call.method)
+
+    async def work() -> None:
+        async with door(none) as port, caller(port) as (reader, writer):
+            writer.write(b"GET /ready HTTP/1.1\r\nHost: pod\r\n\r\n")
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200 ")
+            assert await reader.read() == b""
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        b'<!DOCTYPE x [<!ENTITY a "aaaa">]><methodName>m</methodName>',
+        '<!DOCTYPE x [<!ENTITY a "aaaa">]>'.encode("utf-16") + b"<methodName>m</methodName>",
+    ],
+)
+def test_a_document_type_is_refused_unread(document: bytes):
+    """Old versions of Expat expand entities without a limit; nothing of it reaches roscore."""
+
+    async def none(call: Call, host: str) -> Answer:
+        raise AssertionError(call.method)
+
+    async def work() -> None:
+        async with door(none) as port, caller(port) as (reader, writer):
+            writer.write(request(document))
+            code, message, _ = (await read_answer(reader))[1]
+            assert (code, "document type" in message) == (-1, True)
+
+    run(work())
+    assert not Answer(body=b"<!DOCTYPE x><methodResponse/>").is_success
 
 
 class Far(asyncio.Transport):
@@ -270,6 +426,15 @@ class Far(asyncio.Transport):
         return ("10.1.0.3", 40000)
 
     def write(self, data: Any) -> None:
+        pass
+
+    def pause_reading(self) -> None:
+        pass
+
+    def resume_reading(self) -> None:
+        pass
+
+    def abort(self) -> None:
         pass
 
 
@@ -324,7 +489,7 @@ def test_the_masters_connections_are_kept():
             return Answer([1, "", 7])
 
         def made() -> Door:
-            opened.append(Door(note))
+            opened.append(Door(note, Counter()))
             return opened[-1]
 
         loop = asyncio.get_running_loop()
@@ -406,7 +571,7 @@ def test_the_masters_end_is_noticed_at_once():
         doors: list[Door] = []
 
         def made() -> Door:
-            doors.append(Door(echo))
+            doors.append(Door(echo, Counter()))
             return doors[-1]
 
         listening = await loop.create_server(made, LOCAL, 0)
@@ -499,7 +664,66 @@ def test_the_place_of_a_node(api: str, place: tuple[str, int]):
     assert place_of(api) == place
 
 
-@pytest.mark.parametrize("api", ["", "rosrpc://h:1", "http://h/", "http://:1/", "http://h:x/"])
-def test_what_is_no_address_is_no_node(api: str):
+IMPOSSIBLE = [
+    *("", "rosrpc://h:1", "http://h/", "http://:1/", "http://h:x/", "http://[]:1/"),
+    *("http://h:0/", "http://h:65536/", "http://h:99999/", "http://h:" + 5000 * "9"),
+    *("http://h:\u0661/", "http://h:\u00b2/", "http://h:-1/", "http://h:+1/"),
+    *("http://a..b:1/", f"http://{64 * 'a'}:1/", f"http://{64 * 'ä'}:1/", "http://\ud800:1/"),
+    *("http://a b:1/", "http://a\r\nX: y:1/", "http://a\0b:1/"),
+]
+
+
+@pytest.mark.parametrize("api", IMPOSSIBLE)
+def test_an_address_that_no_socket_can_have_is_no_node(api: str):
     with pytest.raises(NodeGone):
         place_of(api)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_text_may_be_the_uri_of_a_node(seed: int):
+    """A stranger registers what it likes: a look at it ends, with one of three results."""
+    chance = random.Random(seed)
+    hosts = ["127.0.0.1", "[::1]", "127.1", *" ä\0\r\ud800%;@,.:[]/?#\u0661\u202e\U0001f916"]
+
+    async def work() -> None:
+        links = HttpLinks(1)
+        nodes = Nodes(Context(State(), links, lambda event: None, lambda line: None))
+        for _ in range(20):
+            host = "".join(chance.choices(hosts, k=chance.choice([1, 1, 3, 70])))
+            port = chance.choice(["1", "0", "65536", "99999", "-1", "", "\u0661", 5000 * "9"])
+            api = chance.choice(["http://", "http://", "rosrpc://", ""]) + f"{host}:{port}/"
+            assert await nodes.find(api) in (False, None)
+            with suppress(NodeGone, NodeSilent):
+                await links.node(api, CALL, 0.2)
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        f"HTTP/1.1 200 OK\r\nContent-Length: {2**20 + 1}\r\n\r\n".encode(),
+        b"HTTP/1.1 200 OK\r\nX: " + 2**21 * b"x",
+    ],
+)
+def test_a_node_whose_answer_is_too_large_is_no_node(answer: bytes):
+    """4 GB of it would fill the memory of the gate, and of the machine."""
+
+    async def work() -> None:
+        async with server(answer) as (port, _):
+            with pytest.raises(NodeGone):
+                await HttpLinks(1).node(f"http://{LOCAL}:{port}/", CALL, 10)
+
+    run(work())
+
+
+def test_a_masters_answer_has_a_limit():
+    """A larger one than a node's; the caller gets a fault, and the master stays."""
+
+    async def work() -> None:
+        large = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % (2**26 + 1)
+        async with server(large) as (port, _):
+            answer = await HttpLinks(port).master(CALL)
+            assert answer.value[0] == -1
+
+    run(work())

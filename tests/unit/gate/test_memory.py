@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import json
+import os
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,8 @@ from rigel_gate.cluster import NotKept, Overtaken
 from rigel_gate.memory import Journal, compress, decompress, line_of, replay
 from rigel_gate.state import Event, State, pack
 
+#: A parameter with more levels than Python's own writer of XML-RPC has.
+DEEP = 500 * "/a"
 EVENTS: list[Event] = [
     ["run", "run 1"],
     ["set", "/robot", pack({"name": "rosie ä", "size": 1.5})],
@@ -111,6 +115,15 @@ def test_the_journal_has_each_event_at_once(journal: Journal, tmp_path: Path):
         "[]\n",
         "{}\n",
         "\n",
+        '["set", "/", "<broken"]\n',
+        '["set", "/x", 7]\n',
+        f'["set", "{DEEP}", {json.dumps(pack(1))}]\n',
+        '["silent", null]\n',
+        '["run", 7]\n',
+        '["register", "nothing", "/t", "/n", "http://h:1/", "t/T", true]\n',
+        '["register", "publisher", "/t", "/n", "http://h:1/", "t/T", "yes"]\n',
+        100_000 * "[" + "\n",
+        "\udcff\n",
     ],
 )
 def test_a_stale_line_costs_that_line_only(
@@ -119,10 +132,79 @@ def test_a_stale_line_costs_that_line_only(
     """One that was cut off, or that another version has written: the gate starts all the same."""
     lines = [line_of(event) for event in state.events()]
     lines.insert(3 if stale.endswith("\n") else len(lines), stale)
-    (tmp_path / "journal").write_text("".join(lines))
+    (tmp_path / "journal").write_bytes("".join(lines).encode("utf-8", "surrogateescape"))
     found = journal.read()
     assert found is not None
     assert known(found) == known(state)
+    assert found.left_out == 1
+    assert compress(found), "what has been read can be written again"
+
+
+@pytest.mark.parametrize("damage", ["folder", "pipe", "noise"])
+def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
+    journal: Journal,
+    tmp_path: Path,
+    place: Place,
+    state: State,
+    damage: str,
+    capsys: pytest.CaptureFixture[str],
+):
+    """The gate starts all the same, and says so in one line."""
+    path = tmp_path / "journal"
+    {"folder": path.mkdir, "pipe": lambda: os.mkfifo(path)}.get(
+        damage, lambda: path.write_bytes(b"\xff\n{}\n")
+    )()
+    place.kept = compress(state)
+
+    async def work() -> None:
+        keeper = keeping(journal, place)
+        await keeper.begin()
+        assert known(keeper.state) == known(state)
+
+    asyncio.run(work())
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if "is not used" in line] == lines[:1]
+
+
+def test_a_damaged_copy_in_the_cluster_costs_its_bad_lines_only(
+    journal: Journal, place: Place, state: State, capsys: pytest.CaptureFixture[str]
+):
+    lines = [*map(line_of, state.events()), "\xff\n", '["silent", null]\n']
+    place.kept = base64.b64encode(zlib.compress("".join(lines).encode())).decode()
+
+    async def work() -> None:
+        keeper = keeping(journal, place)
+        await keeper.begin()
+        assert known(keeper.state) == known(state)
+
+    asyncio.run(work())
+    said = capsys.readouterr().out
+    assert said == "gate: 2 lines of the memory cannot be read: they are left out\n"
+
+
+def test_a_fault_while_saving_does_not_end_saving(
+    journal: Journal,
+    place: Place,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    """Nothing would be kept in the cluster any more, without a word."""
+    monkeypatch.setattr(program, "PAUSE", 0.01)
+
+    async def work() -> None:
+        keeper = keeping(journal, place)
+        await keeper.begin()
+        place.fails.append(RuntimeError("bug"))
+        running = asyncio.ensure_future(keeper.run())
+        keep(keeper, EVENTS[0])
+        await until_written(place, 2)
+        await asyncio.sleep(0.1)
+        running.cancel()
+        assert place.kept is not None
+        assert keeper.list_troubles() == []
+
+    asyncio.run(work())
+    assert "the memory is not kept in the cluster: RuntimeError('bug')" in capsys.readouterr().out
 
 
 def test_the_journal_does_not_grow_for_ever(
@@ -365,16 +447,19 @@ def test_a_memory_that_is_too_large_is_not_written(
 ):
     """The API server would refuse it."""
     monkeypatch.setattr(program, "LARGEST", 10)
+    why = "the memory is not kept in the cluster: it has more than 10 bytes, compressed"
 
     async def work() -> None:
         keeper = keeping(journal, place)
         await keeper.begin()
-        keep(keeper, EVENTS[0])
-        await keeper.save()
+        for event in EVENTS:
+            keep(keeper, event)
+            await keeper.save()
+        assert keeper.list_troubles() == [why]
 
     asyncio.run(work())
     assert place.writes == 0
-    assert "bytes are too many for an object" in capsys.readouterr().out
+    assert capsys.readouterr().out == f"gate: {why}\n", "one line, whatever size it has"
 
 
 def test_a_full_disk_does_not_stop_the_gate(

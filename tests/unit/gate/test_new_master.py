@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 
-from rigel_gate.calls import Answer, Call
+import pytest
+
+from rigel_gate.calls import Answer, Call, call_of
 from rigel_gate.links import MasterGone
-from rigel_gate.registry import PUBLISHER
+from rigel_gate.registry import PUBLISHER, Registration
 from tests.support.gate_stage import (
     ASK,
     CHATTER,
@@ -15,6 +17,7 @@ from tests.support.gate_stage import (
     ROSOUT,
     TALKER,
     describe,
+    fail_always,
     fail_once,
     look_up,
     note_calls,
@@ -368,4 +371,71 @@ async def test_a_fault_while_a_master_is_completed_is_survived(world: World) -> 
     world.kill_master()
     world.start_master()
     assert (await asyncio.wait_for(look_up(world), 60)).is_success
-    world.log.remove("error: RuntimeError('unexpected')")
+    why = "the new master cannot be given its registrations: RuntimeError('unexpected')"
+    world.log.remove(f"error: {why}")
+    assert (await describe(world))["troubles"] == [], "it has succeeded since"
+
+
+@play
+async def test_what_keeps_calls_waiting_is_described(world: World) -> None:
+    """A fault that stays: `rigel status` shows it while every call waits."""
+    await up(world, TALKER)
+    fail_always(world, "getParamNames", RuntimeError("unexpected"))
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(5)
+    [why] = (await describe(world))["troubles"]
+    assert why == "the new master cannot be given its registrations: RuntimeError('unexpected')"
+    world.log[:] = [line for line in world.log if why not in line]
+
+
+@pytest.mark.parametrize("bad", [OverflowError("port"), UnicodeError("label"), RuntimeError("bug")])
+def test_one_bad_node_concerns_itself_alone(bad: Exception):
+    """Whatever the look at it raises, the others are registered again, and calls go on."""
+
+    async def story(world: World) -> None:
+        talker = await up(world, TALKER)
+        lost = (PUBLISHER, "/t", "/evil", "http://10.0.0.1:99999/", "t/T")
+        assert (await world.call(call_of(Registration(*lost)))).is_success
+        real = world.node
+
+        async def node(api: str, call: Call, seconds: float) -> Answer:
+            if "99999" in api:
+                raise bad
+            return await real(api, call, seconds)
+
+        world.node = node  # type: ignore[method-assign]
+        world.kill_master()
+        world.start_master()
+        assert (await asyncio.wait_for(look_up(world), 60)).is_success
+        assert owner(world, "/talker") == talker.nodes[0].api
+        assert owner(world, "/evil") is None
+        [line] = [line for line in world.log if "error" in line]
+        assert line.startswith("error: /evil at http://10.0.0.1:99999/: ")
+        world.log.remove(line)
+
+    play(story)()
+
+
+@play
+async def test_what_a_new_master_refuses_is_named(world: World) -> None:
+    """One that spoils its request keeps no other one away, and `rigel status` names it."""
+    talker = await up(world, TALKER)
+    await world.call(Call("setParam", ("/tool", "/robot", 1)))
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == "system.multicall" and b">/talker/ask<" in call.body:
+            return Answer([-1, "not XML", 0])
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(5)
+    assert world.master_now is not None
+    node = talker.nodes[0]
+    assert (node.name, node.api) in world.master_now.registered[CHATTER]
+    assert (await describe(world))["refused"] == [
+        f"service /talker/ask of /talker at {node.api}: [-1, 'not XML', 0]"
+    ]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_gate.parameters import Parameters, leaves
-from rigel_gate.recovery import batch, find_lost_parameters, is_same_node
+from rigel_gate.recovery import find_lost_parameters, is_same_node, list_refusals
 from rigel_gate.registry import (
     PARAMETER,
     PUBLISHER,
@@ -161,13 +161,22 @@ def test_a_node_that_publishes_nothing_is_believed():
     assert is_same_node([], None)
 
 
-def test_many_calls_are_made_in_few():
-    calls = [("m", (n,)) for n in range(5)]
-    assert [[one["params"] for one in some] for some in batch(calls, 2)] == [
-        [[0], [1]],
-        [[2], [3]],
-        [[4]],
-    ]
+@pytest.mark.parametrize(
+    ("answers", "refusals"),
+    [
+        ([[[1, "", []]], [[1, "", 1]]], ["", ""]),
+        ([[[1, "", []]], [[-1, "no such type", 0]]], ["", "[-1, 'no such type', 0]"]),
+        (
+            [{"faultCode": 1, "faultString": "bug"}, [[1, "", 0]]],
+            [str({"faultCode": 1, "faultString": "bug"}), ""],
+        ),
+        ([-1, "not XML", 0], ["[-1, 'not XML', 0]"] * 2),
+        ("text", ["text"] * 2),
+    ],
+)
+def test_what_a_master_refuses_of_many_calls(answers: object, refusals: list[str]):
+    """Each call's own answer counts; one that is no list of answers refuses them all."""
+    assert list_refusals(answers, 2) == refusals
 
 
 # -- the registry --

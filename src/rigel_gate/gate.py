@@ -156,7 +156,8 @@ class Gate:
             "has_master": self._master.is_ready,
             "silent": sorted(self.state.silent),
             "restarts": self._restoring.restarts,
-            "troubles": [*self._master.list_troubles(), *self._list_troubles()],
+            "blocked": self._master.trouble,
             "refused": self._restoring.refused,
+            "unkept": self._list_troubles(),
             "nodes": len(self.state.registry.nodes),
         }

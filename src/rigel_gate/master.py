@@ -19,13 +19,17 @@ RETRY = 0.05
 
 
 class Master:
-    """roscore, as the other parts of the gate see it: it always answers, perhaps later."""
+    """roscore, as the other parts of the gate see it: it always answers, perhaps later.
+
+    Attributes:
+        trouble: why calls wait although a master answers, "" if they do not.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._ready = asyncio.Event()
         self._away = False  # whether the last attempt to reach it failed
-        self._trouble = ""  # why it could not be made complete
+        self.trouble = ""
         self._started = False
         self._open = asyncio.Event()  # set while no name changes hands
         self._asking = 0
@@ -59,10 +63,6 @@ class Master:
     def has_started(self) -> bool:
         """Whether this gate has had a complete master, and has finished an earlier gate's work."""
         return self._started
-
-    def list_troubles(self) -> list[str]:
-        """Return why calls wait though a master answers, for people to read."""
-        return [self._trouble] if self._trouble else []
 
     async def until_ready(self) -> None:
         """Return when the master answers and has all registrations."""
@@ -158,10 +158,10 @@ class Master:
                 self._away = True
                 await self._context.links.sleep(RETRY)
             except Exception as error:  # without this the gate would wait for the master forever
-                self._trouble = f"the new master cannot be given its registrations: {error!r}"
-                self._context.log(f"error: {self._trouble}")
+                self.trouble = f"the new master cannot be given its registrations: {error!r}"
+                self._context.log(f"error: {self.trouble}")
                 await self._context.links.sleep(1)
-        self._away, self._trouble = False, ""
+        self._away, self.trouble = False, ""
         self._ready.set()
         if not self._started:
             try:

@@ -43,6 +43,9 @@ RIGHTS = (
     "roscore's gate has a Role of its own, which the role `edit` may not write: request the rights"
     " that `rigel rbac deployer` prints, or set `gate: false`"
 )
+#: 100,000 parameters take 73 MiB. A caller that sends or requests too much ends the gate, which
+#: starts again with its state, and neither roscore nor another program of the machine.
+RESOURCES = {"requests": {"memory": "32Mi"}, "limits": {"memory": "256Mi"}}
 #: The ROS distributions whose images have the Python that the gate needs, 3.8.
 DISTROS = ("noetic",)
 
@@ -70,7 +73,7 @@ def remedies_of(made: Iterable[Object]) -> dict[str, str]:
 
 def gate_container(image: str, env: list[Object], release: str) -> Object:
     """Return the gate's container; it runs on the Python of roscore's image."""
-    look = {"tcpSocket": {"port": MASTER_PORT}}
+    look = {"httpGet": {"path": "/ready", "port": MASTER_PORT}}
     return {
         "name": GATE_CONTAINER,
         "image": image,
@@ -82,6 +85,7 @@ def gate_container(image: str, env: list[Object], release: str) -> Object:
             {"name": "ros", "containerPort": MASTER_PORT},
             {"name": "hand-over", "containerPort": GATE_PORT},
         ],
+        "resources": RESOURCES,
         "startupProbe": {**look, "periodSeconds": 1, "failureThreshold": 2**31 - 1},
         "readinessProbe": {**look, "periodSeconds": 10, "timeoutSeconds": 5},
         "volumeMounts": [

@@ -10,7 +10,7 @@ from rigel_k8s.rosgraph.gate import GateStatus
 
 
 def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
-    """Yield lines for users: names that were lost, nodes that wait or are silent."""
+    """Yield lines for users: calls that wait, what was lost, nodes that wait or are silent."""
     pods = {pod.ip: pod.name for workload in found.workloads for pod in workload.pods if pod.ip}
 
     def place(api: str) -> str:
@@ -20,8 +20,14 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
     if gate.problem:
         yield f"cannot reach the gate in front of roscore: {gate.problem}"
         return
-    if not gate.has_master:
+    if gate.blocked:
+        yield f"{gate.blocked}; calls to the master wait until it succeeds"
+    elif not gate.has_master:
         yield "roscore does not answer its gate; calls to the master wait until it does"
+    for refusal in gate.refused:
+        yield f"roscore did not accept again the {refusal}; restart the pod of its node"
+    for why in gate.unkept:
+        yield f"{why}; a new ros-master pod would not have the latest registrations and parameters"
     for node in gate.waiting:
         behind = f"take over from {place(node.owner)}" if node.owner else "have its name"
         yield f"{node.node}: {place(node.api)} waits to {behind}"

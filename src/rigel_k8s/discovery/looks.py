@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,7 +21,7 @@ from rigel_inpod import MOUNT_PATH
 from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.network.modes.peers import peer_name
 
 START = 15.0  # seconds until all must receive: a Python start on a busy machine, and DNS
@@ -33,8 +32,6 @@ LONGEST = 32  # seconds after which a script ends without a line
 ANNOUNCERS = 24  # more stand-ins would show nothing new, but every participant answers each
 ROUTER = 7447  # zenoh's port
 SLOW = "its container did not answer in time; its machine may be busy or unreachable"
-#: How an API server reports that it has no connection to a kubelet.
-UNREACHED = re.compile(r"dial tcp [^ ]+: (?:connect: )?(.+)$")
 SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
 
 
@@ -191,7 +188,7 @@ class Look:
                 stderr=self.errors,
             )
         except ClusterError as error:
-            self.problem = reason(error)
+            self.problem = explain_exec(error)
         finally:
             self.stdin.close()
 
@@ -241,14 +238,3 @@ class Look:
         if any("can't open file" in line for line in printed):
             return "it was deployed by an older version, without this check: deploy it again"
         return f"the check failed in it: {printed[-1]}" if printed else "the check printed nothing"
-
-
-def reason(error: ClusterError) -> str:
-    """Return why a command could not be run, in few words."""
-    if isinstance(error, Forbidden):
-        return "commands in pods are not allowed (the right `create pods/exec` is missing)"
-    if "executable file not found" in error.message or "no such file" in error.message:
-        return "its image has no python3, which the check needs"
-    if unreached := UNREACHED.search(error.message):
-        return f"the API server cannot reach its machine ({unreached[1]})"
-    return error.message

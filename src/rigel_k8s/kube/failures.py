@@ -29,6 +29,8 @@ GROUNDS: tuple[tuple[Ground, str], ...] = (
     ("limit-range", r"(maximum|minimum) [\w./-]+ usage per|limit to request ratio per"),
     ("right", r"[Uu]ser \".*\" .*?(cannot \w+ (resource|path)|is attempting to grant)"),
 )
+#: How an API server reports that it has no connection to a kubelet.
+UNREACHED = re.compile(r"dial tcp [^ ]+: (?:connect: )?(.+)$")
 RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --list` shows yours"
 
 
@@ -197,3 +199,14 @@ def unreachable_error(what: str, reason: str, *, context: str, server: str) -> R
     )
     error.reason = "Unreachable"
     return error
+
+
+def explain_exec(error: ClusterError) -> str:
+    """Return why a Python program could not be run in a pod, in few words."""
+    if isinstance(error, Forbidden):
+        return "commands in pods are not allowed (the right `create pods/exec` is missing)"
+    if "executable file not found" in error.message or "no such file" in error.message:
+        return "its image has no python3, which this needs"
+    if unreached := UNREACHED.search(error.message):
+        return f"the API server cannot reach its machine ({unreached[1]})"
+    return error.message

@@ -13,10 +13,10 @@ from typing import Any
 import attrs
 
 from rigel_gate.calls import DESCRIBE_GATE
-from rigel_k8s.discovery.looks import reason
 from rigel_k8s.discovery.members import runs
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
@@ -71,6 +71,9 @@ class GateStatus:
         silent: nodes that have not answered since roscore came back.
         has_master: whether roscore answers it.
         restarts: how often this gate restored the registrations of a new roscore.
+        blocked: why calls wait although roscore answers, "" if they do not.
+        refused: the registrations and parameters that the last new roscore did not accept, and why.
+        unkept: where the gate's state is not kept, and why.
         problem: why the gate did not answer; then nothing else is known.
     """
 
@@ -79,6 +82,9 @@ class GateStatus:
     silent: tuple[str, ...] = ()
     has_master: bool = True
     restarts: int = 0
+    blocked: str = ""
+    refused: tuple[str, ...] = ()
+    unkept: tuple[str, ...] = ()
     problem: str = ""
 
 
@@ -95,7 +101,7 @@ def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
             release.namespace, names[-1], command, container=GATE_CONTAINER, timeout=LIMIT
         )
     except ClusterError as error:
-        return GateStatus(problem=reason(error))
+        return GateStatus(problem=explain_exec(error))
     if done.code != 0:
         errors = done.stderr.decode("utf-8", "replace").splitlines()
         return GateStatus(problem=errors[-1] if errors else f"exit code {done.code}")
@@ -119,4 +125,7 @@ def parse(answer: Mapping[str, Any]) -> GateStatus:
         tuple(answer["silent"]),
         answer["has_master"],
         answer["restarts"],
+        answer.get("blocked", ""),  # a gate of an older version does not have these
+        tuple(answer.get("refused", ())),
+        tuple(answer.get("unkept", ())),
     )

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-from rigel_k8s.discovery.looks import reason
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.rosgraph.pods import GraphPod
 
 LIMIT = 45.0  # seconds that a program may take, with every deadline in it missed
@@ -80,7 +80,7 @@ def run_inside(
         )
     except ClusterError as error:
         raise ClusterError(
-            f"cannot read the ROS graph in the pod {pod.name}: {reason(error)}"
+            f"cannot read the ROS graph in the pod {pod.name}: {explain_exec(error)}"
         ) from error
     lines = done.stdout.decode("utf-8", "replace").splitlines()
     if done.code != 0 or not lines:

@@ -230,6 +230,23 @@ def test_status_says_who_lost_its_name_to_whom() -> None:
     ]
 
 
+def test_status_names_what_the_gate_could_not_restore_or_keep() -> None:
+    """With the registration to blame; calls that wait have their reason."""
+    assert lines_of(
+        has_master=False,
+        blocked="the new master cannot be given its registrations: bug",
+        refused=("service /ask of /evil at http://10.0.0.2:1/: no",),
+        unkept=("the memory is not kept in the cluster: it has more than 9 bytes",),
+    ) == [
+        "the new master cannot be given its registrations: bug; calls to the master wait until it"
+        " succeeds",
+        "roscore did not accept again the service /ask of /evil at http://10.0.0.2:1/: no; restart"
+        " the pod of its node",
+        "the memory is not kept in the cluster: it has more than 9 bytes; a new ros-master pod"
+        " would not have the latest registrations and parameters",
+    ]
+
+
 def test_status_says_what_the_gate_waits_for() -> None:
     """A newcomer, a node that is silent, a roscore that is away; nothing where all is well."""
     waits = WaitingNode("/talker", "http://10.0.0.9:4001/", "http://10.0.0.1:4002/")

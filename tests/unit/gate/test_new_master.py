@@ -373,7 +373,7 @@ async def test_a_fault_while_a_master_is_completed_is_survived(world: World) -> 
     assert (await asyncio.wait_for(look_up(world), 60)).is_success
     why = "the new master cannot be given its registrations: RuntimeError('unexpected')"
     world.log.remove(f"error: {why}")
-    assert (await describe(world))["troubles"] == [], "it has succeeded since"
+    assert (await describe(world))["blocked"] == "", "it has succeeded since"
 
 
 @play
@@ -384,7 +384,7 @@ async def test_what_keeps_calls_waiting_is_described(world: World) -> None:
     world.kill_master()
     world.start_master()
     await asyncio.sleep(5)
-    [why] = (await describe(world))["troubles"]
+    why = (await describe(world))["blocked"]
     assert why == "the new master cannot be given its registrations: RuntimeError('unexpected')"
     world.log[:] = [line for line in world.log if why not in line]
 

@@ -30,6 +30,9 @@ ANSWER = {
     "has_master": False,
     "restarts": 2,
     "nodes": 7,
+    "blocked": "the new master cannot be given its registrations",
+    "refused": ["service /ask of /talker at http://10.0.0.2:1/: bug"],
+    "unkept": ["the memory is not kept in the cluster: away"],
 }
 
 
@@ -75,6 +78,9 @@ def test_a_gate_is_asked_in_its_pod() -> None:
         silent=("/camera",),
         has_master=False,
         restarts=2,
+        blocked="the new master cannot be given its registrations",
+        refused=("service /ask of /talker at http://10.0.0.2:1/: bug",),
+        unkept=("the memory is not kept in the cluster: away",),
     )
     assert cluster.pods == ["ros-master-1"]
 

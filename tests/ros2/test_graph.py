@@ -88,11 +88,11 @@ rclpy.spin(node)
 
 
 def told(graph: DiscoveryGraph) -> list[str]:
-    return [f"{finding.kind}: {finding.message}" for finding in graph.findings]
+    return [f"{finding.kind}: {finding.message}" for finding in graph.problems]
 
 
 def kinds(graph: DiscoveryGraph) -> list[str]:
-    return [finding.kind for finding in graph.findings]
+    return [finding.kind for finding in graph.problems]
 
 
 def settled(
@@ -133,7 +133,7 @@ def test_one_way(lab):
     lab.deaf("two", "one")
     found = looked(lambda: lab.graph(), "deaf: multicast at net1 from two does not reach one")
     assert found.deaf == (("two", "one"),)
-    assert found.findings[0].error
+    assert found.problems[0].is_error
 
 
 def test_both_ways(lab):
@@ -201,10 +201,10 @@ def test_no_network_key(lab):
     lab.deaf("one", "two")
     lab.deaf("two", "one")
     found = settled(lambda: lab.graph("none"), lambda graph: kinds(graph) == ["deaf"])
-    (finding,) = found.findings
+    (finding,) = found.problems
     assert finding.message.startswith("the pods on one and two do not discover each other")
     assert "set `network`" in finding.remedy
-    assert not finding.error
+    assert not finding.is_error
     assert {pod.pod: pod.discovered_by for pod in found.pods} == {
         "one": ("again",),
         "again": ("one",),
@@ -226,7 +226,7 @@ def test_stopped(lab):
     lab.ros("three", "three").signal(signal.SIGSTOP)
     found = settled(lab.graph, lambda graph: kinds(graph) == ["stopped"])
     assert kinds(found) == ["stopped"]
-    assert found.findings[0].message.startswith("three has a process that a signal has stopped")
+    assert found.problems[0].message.startswith("three has a process that a signal has stopped")
     assert found.pods[0].discovered_by == ("three", "two")
     assert found.pods[2].discovered_by == ()
 
@@ -236,7 +236,7 @@ def test_limited_discovery(lab):
     lab.ros("one", "one")
     lab.ros("two", "two", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     found = looked(lambda: lab.graph(), "undiscovered: two is not discovered by any other pod")
-    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" in found.findings[0].remedy
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" in found.problems[0].remedy
 
 
 def test_no_participant(lab):
@@ -354,9 +354,13 @@ def test_without_python(lab):
     lab.ros("one", "one")
     two = lab.ros("two", "two")
     two.env["PATH"] = "/nowhere"
-    found = settled(lab.graph, lambda graph: [[*f.pods] for f in graph.findings] == [["two"]])
-    (finding,) = found.findings
-    assert (finding.kind, finding.error, list(finding.pods)) == ("not-looked", False, ["two"])
+    found = settled(lab.graph, lambda graph: [[*f.subjects] for f in graph.problems] == [["two"]])
+    (finding,) = found.problems
+    assert (finding.kind, finding.is_error, list(finding.subjects)) == (
+        "not-looked",
+        False,
+        ["two"],
+    )
 
 
 def test_domain_of_the_image(lab):

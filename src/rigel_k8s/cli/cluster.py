@@ -11,6 +11,7 @@ import click
 
 from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import Group, choose_reporter, json_option, print_json
+from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
     from rigel_k8s.lab import ClusterStatus
@@ -112,7 +113,7 @@ def up(
     if output == "json":
         print_json(attrs.asdict(status))
         return
-    count = f"{len(status.nodes)} node{'s' * (len(status.nodes) != 1)}"
+    count = plural(len(status.nodes), "node")
     click.echo(f"Cluster {name} is up: Kubernetes {status.kubernetes}, {count}")
     click.echo(f"  context   {status.context} (the current one now)")
     click.echo(f"  registry  {status.registry} (plain HTTP; nodes pull from it by the same name)")

@@ -32,9 +32,9 @@ def describe_discovery(row: PodGraph) -> str:
 
 def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
     """Yield what is wrong, and what to do: once if it is the same for several."""
-    for finding, following in zip_longest(graph.findings, graph.findings[1:]):
-        same = following is not None and following.remedy == finding.remedy
-        yield f"{finding.message} [{finding.kind}]" if same else str(finding)
+    for problem, following in zip_longest(graph.problems, graph.problems[1:]):
+        same = following is not None and following.remedy == problem.remedy
+        yield f"{problem.message} [{problem.kind}]" if same else problem.text
 
 
 def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
@@ -42,8 +42,8 @@ def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
     if graph is None:
         return None
     return {
-        "ok": not graph.findings,
+        "ok": not graph.problems,
         "deaf": [{"from": one, "to": other} for one, other in graph.deaf],
-        "findings": [attrs.asdict(finding) for finding in graph.findings],
+        "problems": [problem.to_json() for problem in graph.problems],
         "pods": [attrs.asdict(pod) for pod in graph.pods],
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import attrs
 import click
 
 from rigel_k8s.cli.words import json_option, print_json, settings
@@ -15,13 +14,22 @@ def doctor(ctx: click.Context, /, output: str) -> int:
     """Check a deploy's needs: cluster, rights, nodes, storage. Exit code 1 if one is missing."""
     from rigel_k8s.commands import doctor as doctors
 
-    findings = doctors.examine(settings(ctx))
+    needs = doctors.examine(settings(ctx))
     if output == "json":
-        print_json([attrs.asdict(finding) for finding in findings])
+        print_json(
+            [
+                {
+                    "what": need.what,
+                    "state": need.state,
+                    "problem": need.problem and need.problem.to_json(),
+                }
+                for need in needs
+            ]
+        )
     else:
-        for finding in findings:
-            mark = click.style("✓", fg="green") if finding.ok else click.style("✗", fg="red")
-            click.echo(f"{mark} {finding.what}: {finding.found}")
-            if not finding.ok and finding.hint:
-                click.echo(f"    {finding.hint}")
-    return 0 if all(finding.ok for finding in findings) else 1
+        for need in needs:
+            mark = click.style("✗", fg="red") if need.problem else click.style("✓", fg="green")
+            click.echo(f"{mark} {need.what}: {need.state}")
+            if need.problem and need.problem.remedy:
+                click.echo(f"    {need.problem.remedy}")
+    return 1 if any(need.problem for need in needs) else 0

@@ -8,9 +8,10 @@ import click
 @click.command()
 @click.argument("kind", required=False)
 def explain(kind: str | None) -> None:
-    """Explain a kind of problem: the word in brackets behind a message.
+    """Explain why a pod is not ready, what the checks of a network find, or a word of kubectl.
 
-    Prints the cause and the remedy. Without KIND, lists all kinds.
+    KIND is the word in brackets behind a message, or one that `kubectl get pods` prints. Without
+    it, lists all.
     """
     from rigel_k8s.commands import explain as explaining
 
@@ -29,3 +30,5 @@ def explain(kind: str | None) -> None:
         click.echo(f"cause:  {one.cause}")
         if one.remedy:
             click.echo(f"remedy: {one.remedy}")
+        if one.found_by:
+            click.echo(f"found by: {one.found_by}")

@@ -27,7 +27,7 @@ INTERRUPTED = 130
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
     "check": ("rigelfiles", "Report all problems of the Rigelfile at once."),
-    "explain": ("explain", "Explain a kind of problem, such as unknown-key."),
+    "explain": ("explain", "Explain a state of a pod, such as CrashLoopBackOff."),
     "schema": ("rigelfiles", "Print a JSON schema of Rigelfiles, for editors."),
     "trust": ("trusting", "Trust the Python code beside a Rigelfile; list, remove."),
     "run": ("runs", "Run a job or a sequence."),

@@ -10,6 +10,7 @@ import click
 
 from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, print_json, settings
+from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.observe import Administrator, Opened
@@ -110,7 +111,7 @@ def remove(
     with choose_reporter(ctx) as report:
         gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
     left = f", {kept} kept for their data" if kept else ""
-    deleted = f"{count} object{'s' * (count != 1)} deleted"
+    deleted = f"{plural(count, 'object')} deleted"
     click.echo(f"removed the observability stack from {gone.namespace}: {deleted}{left}")
 
 

@@ -24,6 +24,7 @@ from rigel_k8s.cli.words import (
     warn,
 )
 from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
     from rigel_k8s.release.types import Plan, ReleaseId
@@ -230,7 +231,7 @@ def describe_removal(release: ReleaseId, plan: Plan) -> str:
     actions = [step.action for step in plan.steps]
     deleted, kept = actions.count("prune"), actions.count("forget")
     left = f", {kept} kept for its data" if kept else ""
-    return f"removed {where}: {deleted} object{'s' * (deleted != 1)} deleted{left}"
+    return f"removed {where}: {plural(deleted, 'object')} deleted{left}"
 
 
 def confirm(question: str) -> None:

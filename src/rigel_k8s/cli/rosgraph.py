@@ -175,7 +175,7 @@ def graph_json(found: LiveGraph) -> dict[str, Any]:
         "namespace": found.release.namespace,
         "ok": found.ok,
         **attrs.asdict(found.graph),
-        "problems": [attrs.asdict(problem) for problem in found.problems],
+        "problems": [problem.to_json() for problem in found.problems],
     }
 
 
@@ -225,8 +225,7 @@ def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
 def problem_lines(found: LiveGraph) -> Iterator[str]:
     """Yield what is wrong."""
     for problem in found.problems:
-        line = f"{problem.message} [{problem.kind}]"
-        yield click.style(line, fg="red", bold=problem.error or None)
+        yield click.style(problem.text, fg="red", bold=problem.is_error or None)
 
 
 def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - the condition itself

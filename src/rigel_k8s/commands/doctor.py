@@ -12,6 +12,7 @@ from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_default_class, is_ready
 from rigel_k8s.objects.rights import Right, describe
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.refusals.missing import ask_missing
 from rigel_k8s.settings import Settings
 
@@ -20,52 +21,58 @@ UNSEEN = "you have no right to list them, which a deploy does not need"
 
 
 @attrs.frozen
-class DoctorFinding:
-    """One thing that a deploy needs: whether it exists, and what to do if not."""
+class Need:
+    """One thing that a deploy needs: its state, and the problem if it is missing."""
 
     what: str
-    ok: bool
-    found: str
-    hint: str = ""
+    state: str
+    problem: Problem | None = None
 
 
-def examine(settings: Settings) -> list[DoctorFinding]:
-    """Return the findings; without a reachable cluster, nothing else is checked."""
+def examine(settings: Settings) -> list[Need]:
+    """Return what a deploy needs; without a reachable cluster, nothing else is checked."""
     try:
         with connect(settings) as cluster:
             version = cluster.server_version()
             where = cluster.context_name or "in-cluster"
             return [
-                DoctorFinding("cluster", ok=True, found=f"{where} at {cluster.server}, {version}"),
+                Need("cluster", f"{where} at {cluster.server}, {version}"),
                 *rights(cluster, settings.namespace or cluster.namespace),
                 nodes(cluster),
                 storage(cluster),
             ]
     except RigelK8sError as error:
-        return [DoctorFinding("cluster", ok=False, found=error.message, hint=error.hint or "")]
+        return [lack("cluster", error.message, error.hint or "")]
 
 
-def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
+def lack(what: str, state: str, remedy: str) -> Need:
+    """Return a need that is not met."""
+    return Need(what, state, Problem((), f"{what}: {state}", what.partition(" ")[0], remedy=remedy))
+
+
+def rights(cluster: Cluster, namespace: str) -> Iterator[Need]:
     """Report the missing rights: those that a deploy needs, then the optional ones."""
     missing = set(ask_missing(cluster, need_to_deploy(namespace), namespace))
     of_gate = missing & {*need_to_have(OF_GATE, namespace)}
     needed = missing & {*need_to_have(OBJECTS, namespace), *need_always(namespace)}
-    yield DoctorFinding(
-        f"rights in {namespace}",
-        ok=not needed,
-        found=f"missing: {list_all(needed)}" if needed else "all that a release needs",
-        hint=f"print the Role to request with `rigel -n {namespace} rbac deployer --user YOU`",
-    )
-    yield DoctorFinding(
+    what = f"rights in {namespace}"
+    if needed:
+        yield lack(
+            what,
+            f"missing: {list_all(needed)}",
+            f"print the Role to request with `rigel -n {namespace} rbac deployer --user YOU`",
+        )
+    else:
+        yield Need(what, "all that a release needs")
+    yield Need(
         f"rights for a gate in {namespace}",
-        ok=True,
-        found=f"missing: {list_all(of_gate)}; ROS 1 needs `gate: false`, or these rights"
+        f"missing: {list_all(of_gate)}; ROS 1 needs `gate: false`, or these rights"
         if of_gate
         else "all that ROS 1's gate needs",
     )
     if rest := missing - needed - of_gate:
-        found = f"missing: {list_all(rest)}; a deploy works without them, but explains less"
-        yield DoctorFinding(f"more rights in {namespace}", ok=True, found=found)
+        state = f"missing: {list_all(rest)}; a deploy works without them, but explains less"
+        yield Need(f"more rights in {namespace}", state)
 
 
 def list_all(rights: Iterable[Right]) -> str:
@@ -73,28 +80,30 @@ def list_all(rights: Iterable[Right]) -> str:
     return "; ".join(describe(rights))
 
 
-def nodes(cluster: Cluster) -> DoctorFinding:
+def nodes(cluster: Cluster) -> Need:
     """Report which machines are ready."""
     ready: list[str] = []
     other: list[str] = []
     try:
         there = cluster.nodes()
     except Forbidden:
-        return DoctorFinding("nodes", ok=True, found=UNSEEN)
+        return Need("nodes", UNSEEN)
     for node in there:
         names = ready if is_ready(node) else other
         names.append(node["metadata"]["name"])
-    found = f"{len(ready)} ready" + (f", not ready: {', '.join(other)}" if other else "")
-    return DoctorFinding("nodes", ok=bool(ready), found=found, hint="kubectl describe node NAME")
+    state = f"{len(ready)} ready" + (f", not ready: {', '.join(other)}" if other else "")
+    return Need("nodes", state) if ready else lack("nodes", state, "kubectl describe node NAME")
 
 
-def storage(cluster: Cluster) -> DoctorFinding:
+def storage(cluster: Cluster) -> Need:
     """Report the default StorageClass; without one, claims need a storage_class or host_path."""
     try:
         classes = cluster.list("storage.k8s.io/v1", "StorageClass")
     except Forbidden:
-        return DoctorFinding("storage", ok=True, found=UNSEEN)
+        return Need("storage", UNSEEN)
     default = [one["metadata"]["name"] for one in classes if is_default_class(one)]
-    found = f"default class {default[0]}" if default else "no default StorageClass"
-    hint = "set storage_class or host_path of each volume"
-    return DoctorFinding("storage", ok=bool(default), found=found, hint=hint)
+    if default:
+        return Need("storage", f"default class {default[0]}")
+    return lack(
+        "storage", "no default StorageClass", "set storage_class or host_path of each volume"
+    )

@@ -1,62 +1,59 @@
-"""What a kind of problem means: the words in brackets behind messages."""
+"""What the words of `rigel` and of kubectl mean, where there is more to say than a message does."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from difflib import get_close_matches
 
 import attrs
 
-from rigel_k8s.discovery.kinds import GRAPH
 from rigel_k8s.errors import UserError
-from rigel_k8s.kinds import KUBECTL, PODS, PROBLEMS, Kind
-from rigel_k8s.network.preflight.kinds import PREFLIGHT
-from rigel_k8s.rosgraph.kinds import ROS_GRAPH
-from rigel_muto.agent.kinds import REFUSALS
+from rigel_k8s.kinds import KUBECTL, PODS
+from rigel_k8s.network.preflight.examine import KINDS
+from rigel_k8s.release.rollout.kinds import CAUSES
 
 _LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
 
 
 @attrs.frozen
 class Explanation:
-    """A kind of problem.
+    """What a word means.
 
     Attributes:
-        group: where such problems are found.
-        cause, remedy: plain text; the remedy is "" if there is nothing to do.
+        group: where the word is printed.
+        cause, remedy: plain text; the remedy is "" where the message has it.
+        found_by: where preflight's answer comes from.
     """
 
     kind: str
     group: str
     cause: str
-    remedy: str
+    remedy: str = ""
+    found_by: str = ""
 
 
 def list_kinds() -> list[Explanation]:
-    """Return all kinds, in the order of docs/errors.md; a kind of two groups is there twice."""
-    return [
-        Explanation(name, group, _strip(kind.cause), _strip(kind.remedy))
-        for group, kinds in _list_groups()
-        for name, kind in kinds.items()
-    ]
+    """Return all, in the order of docs/errors.md; a kind of two groups is there twice."""
+    return list(_list_kinds())
 
 
 def explain(kind: str) -> list[Explanation]:
-    """Return what a kind means in each group that has it.
+    """Return what a word means in each group that has it.
 
     Raises:
-        UserError: it does not exist.
+        UserError: nothing is to be said beyond the message.
     """
     name = kind.strip().strip("[]")
     known = list_kinds()
-    if found := [one for one in known if one.kind == name]:
-        return found
+    if explanations := [one for one in known if one.kind == name]:
+        return explanations
     close = get_close_matches(name, {one.kind for one in known}, n=1)
     meant = f', did you mean "{close[0]}"?' if close else ""
     raise UserError(
-        f'unknown kind "{name}"{meant}',
-        hint="the kind is the word in brackets behind a message; `rigel explain` lists all",
+        f'no explanation of "{name}"{meant}',
+        hint="the message before a word in brackets says what is wrong, where, and what to do;"
+        " `rigel explain` lists the words that have more to explain",
     )
 
 
@@ -65,13 +62,13 @@ def _strip(markdown: str) -> str:
     return _LINK.sub(r"\1", markdown)
 
 
-def _list_groups() -> Iterator[tuple[str, Mapping[str, Kind]]]:
-    for title, kinds in PROBLEMS.items():
-        yield f"Rigelfile: {title}", kinds
-    yield "Pods (`rigel status -o json`)", PODS
-    yield "Pods (`kubectl get pods`)", KUBECTL
-    for title, found in PREFLIGHT.items():
-        yield f"Network: {title}", found
-    yield "DDS graph", GRAPH
-    yield "ROS graph", ROS_GRAPH
-    yield "Muto's agent", REFUSALS
+def _list_kinds() -> Iterator[Explanation]:
+    for group, kinds in (
+        ("not ready", {**CAUSES, **PODS}),
+        ("kubectl get pods", KUBECTL),
+    ):
+        for name, kind in kinds.items():
+            yield Explanation(name, group, _strip(kind.cause), _strip(kind.remedy))
+    for found in KINDS.values():
+        by = _strip(found.found_by)
+        yield Explanation(found.name, "network", _strip(found.cause), found_by=by)

@@ -13,13 +13,14 @@ from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.commands.top import TOPICS, index_by, prometheus_of, select_series
 from rigel_k8s.errors import ClusterError, CommandFailed
 from rigel_k8s.observability.reading.stack import NoStack
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.drawing.dot import write_dot
 from rigel_k8s.rosgraph.drawing.mermaid import write_mermaid
 from rigel_k8s.rosgraph.drawing.picture import Picture, make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.reading import read_graph
-from rigel_k8s.rosgraph.types import GraphProblem, RosGraph
+from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.process import run
 
@@ -34,12 +35,12 @@ class LiveGraph:
 
     release: ReleaseId
     graph: RosGraph
-    problems: tuple[GraphProblem, ...]
+    problems: tuple[Problem, ...]
 
     @property
     def ok(self) -> bool:
         """Whether there is no error."""
-        return not any(problem.error for problem in self.problems)
+        return not any(problem.is_error for problem in self.problems)
 
 
 def graph(settings: Settings, job: str | None) -> LiveGraph:

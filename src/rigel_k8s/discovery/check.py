@@ -15,6 +15,7 @@ from rigel_k8s.discovery.members import Member, members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.text import plural
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
@@ -37,7 +38,7 @@ def survey(
     If a busy machine may be the cause of a finding, a longer look decides.
     """
     found = look_briefly(cluster, release, cancel, LISTEN)
-    if found is not None and any(finding.kind in DOUBTFUL for finding in found.errors):
+    if found is not None and any(problem.kind in DOUBTFUL for problem in found.errors):
         return look_briefly(cluster, release, cancel, LONGER)
     return found
 
@@ -83,25 +84,25 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
 def report_graph(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
     """Print a graph and its warnings; raise GraphError if it has errors."""
     report.progress("graph", summary(found), done=True)
-    for finding in found.findings:
-        if not finding.error:
-            report.warn(str(finding))
+    for problem in found.problems:
+        if not problem.is_error:
+            report.warn(problem.text)
     if found.errors:
         count = len(found.errors)
         raise GraphError(
             f"{release.name} in {release.namespace} is deployed, but its nodes do not all"
             " discover each other",
-            details=[str(finding) for finding in found.errors],
-            hint=f"check again with `rigel status` ({count} finding{'s' * (count != 1)})",
+            details=[problem.text for problem in found.errors],
+            hint=f"check again with `rigel status` ({plural(count, 'problem')})",
         )
 
 
 def summary(found: DiscoveryGraph) -> str:
     """Return the result in one line."""
-    if found.findings:
+    if found.problems:
         return f"checked from inside {len(found.pods)} pods"
     machines = len({pod.machine for pod in found.pods})
-    where = f"on {machines} machine{'s' * (machines != 1)}"
+    where = f"on {plural(machines, 'machine')}"
     if any(pod.discovered_by is None for pod in found.pods):
         return f"all {len(found.pods)} nodes reach their discovery server or router, {where}"
     return f"all {len(found.pods)} nodes discover each other, {where}"

@@ -10,9 +10,9 @@ import attrs
 from rigel_k8s.discovery.looks import Observation
 from rigel_k8s.discovery.members import Member
 from rigel_k8s.discovery.paths import Paths, find_deaf, paths
-from rigel_k8s.discovery.words import GraphFinding
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.objects.text import join_words
+from rigel_k8s.problems import Problem, Severity
 
 
 @attrs.frozen
@@ -50,12 +50,12 @@ class DiscoveryGraph:
 
     pods: tuple[PodGraph, ...]
     deaf: tuple[tuple[str, str], ...]
-    findings: tuple[GraphFinding, ...]
+    problems: tuple[Problem, ...]
 
     @property
-    def errors(self) -> tuple[GraphFinding, ...]:
-        """The findings that contradict what the Rigelfile requests."""
-        return tuple(finding for finding in self.findings if finding.error)
+    def errors(self) -> tuple[Problem, ...]:
+        """The problems that contradict what the Rigelfile requests."""
+        return tuple(problem for problem in self.problems if problem.is_error)
 
 
 def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> DiscoveryGraph:
@@ -117,19 +117,18 @@ def looks_for(other: Member, member: Member) -> bool:
     return other.mode == "peers" and other.workload != member.workload
 
 
-def find_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
+def find_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[Problem]:
     """Yield why pods could not be examined; pods with the same cause together."""
     reasons: dict[str, list[str]] = defaultdict(list)
     for member in found:
         if seen[member.pod].problem:
             reasons[seen[member.pod].problem].append(member.pod)
     for reason, pods in reasons.items():
-        yield GraphFinding(
-            "not-looked", f"{join_words(pods)} could not be checked: {reason}", "", pods
-        )
+        message = f"{join_words(pods)} could not be checked: {reason}"
+        yield Problem((), message, "not-looked", "warning", subjects=tuple(pods))
 
 
-def check_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
+def check_pod(member: Member, seen: Observation) -> Iterator[Problem]:
     """Yield what is wrong inside one pod."""
     wrong = list(interface_findings(member, seen))
     if not wrong and member.middleware == "zenoh":
@@ -138,7 +137,15 @@ def check_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
         wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
     for kind, message, remedy in wrong:
         promised = member.mode != "none" and (member.probed or kind != "no-participant")
-        yield GraphFinding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
+        severity: Severity = "error" if promised else "warning"
+        yield Problem(
+            (),
+            f"{member.pod} {message}",
+            kind,
+            severity,
+            remedy=remedy,
+            subjects=(member.pod,),
+        )
 
 
 Wrong = tuple[str, str, str]
@@ -205,7 +212,7 @@ def find_undiscovered(
     seen: Mapping[str, Observation],
     known: Mapping[str, Mapping[str, bool]],
     ways: Paths,
-) -> Iterator[GraphFinding]:
+) -> Iterator[Problem]:
     """Yield pods that are not discovered, if no other finding explains it."""
     by_pod = {member.pod: member for member in looked}
     for pod, others in known.items():
@@ -227,6 +234,6 @@ def find_undiscovered(
             service = peer_name(member.workload)
             remedy = f"check that the Service {service} exists, and no NetworkPolicy blocks UDP"
         which = "any other pod" if len(missing) == len(others) else join_words(missing)
-        error = member.mode != "none"
+        severity: Severity = "error" if member.mode != "none" else "warning"
         message = f"{pod} is not discovered by {which}"
-        yield GraphFinding("undiscovered", message, remedy, [pod], error=error)
+        yield Problem((), message, "undiscovered", severity, remedy=remedy, subjects=(pod,))

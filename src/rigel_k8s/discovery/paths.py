@@ -9,8 +9,8 @@ import attrs
 
 from rigel_k8s.discovery.looks import Observation
 from rigel_k8s.discovery.members import Member
-from rigel_k8s.discovery.words import GraphFinding
 from rigel_k8s.objects.text import join_words
+from rigel_k8s.problems import Problem, Severity
 
 SWITCH = (
     "check the network between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
@@ -57,7 +57,7 @@ def paths(looked: Sequence[Member], seen: Mapping[str, Observation]) -> Paths:
     return Paths(frozenset(heard), frozenset(set(arrived) - heard), frozenset(alone))
 
 
-def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
+def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[Problem]:
     """Yield which machines receive no multicast from which others."""
     bare = any(m.mode == "none" for m in looked)
     names = [f"at {name}" for name in sorted({m.interface for m in looked if m.interface})]
@@ -66,13 +66,14 @@ def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
         yield bare_finding(looked, ways)
         return
     remedy = SET_NETWORK if bare else SWITCH
+    severity: Severity = "warning" if bare else "error"
     for message, machines in deaf_messages(ways, where):
-        pods = [m.pod for m in looked if m.machine in machines]
-        yield GraphFinding("deaf", message, remedy, pods, error=not bare)
+        pods = tuple(m.pod for m in looked if m.machine in machines)
+        yield Problem((), message, "deaf", severity, remedy=remedy, subjects=pods)
     for one, pod in sorted(ways.alone):
         message = f"multicast from {one} reaches the machine of {pod}, but not this pod"
         remedy = "delete the pod; if that does not help, see `kubectl describe pod`"
-        yield GraphFinding("deaf-pod", message, remedy, [pod], error=not bare)
+        yield Problem((), message, "deaf-pod", severity, remedy=remedy, subjects=(pod,))
 
 
 def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
@@ -109,7 +110,7 @@ def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:
     return f"multicast{where} from {one} does not reach {other}"
 
 
-def bare_finding(looked: Sequence[Member], ways: Paths) -> GraphFinding:
+def bare_finding(looked: Sequence[Member], ways: Paths) -> Problem:
     """Return the finding that the pod network carries no multicast."""
     machines = sorted({name for way in ways.deaf for name in way})
     within = any(one == other for one, other in ways.deaf)
@@ -117,4 +118,5 @@ def bare_finding(looked: Sequence[Member], ways: Paths) -> GraphFinding:
         f"the pods on {join_words(machines)} do not discover each other: the pod network carries no"
         f" multicast{'' if within else ' from machine to machine'}"
     )
-    return GraphFinding("deaf", message, SET_NETWORK, [m.pod for m in looked])
+    pods = tuple(member.pod for member in looked)
+    return Problem((), message, "deaf", "warning", remedy=SET_NETWORK, subjects=pods)

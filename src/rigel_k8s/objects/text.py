@@ -1,4 +1,4 @@
-"""Command lines and lists of names as text."""
+"""Command lines, lists of names and counts as text."""
 
 from __future__ import annotations
 
@@ -22,3 +22,8 @@ def join_words(names: Iterable[str]) -> str:
     if len(found) > MOST:
         return f"{', '.join(found[:MOST])} and {len(found) - MOST} more"
     return " and ".join(filter(None, [", ".join(found[:-1]), *found[-1:]]))
+
+
+def plural(count: int, noun: str) -> str:
+    """Return a count with its noun: 1 pod, 2 pods."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -13,8 +13,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 
 import attrs
 
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphProblem, GraphTopic, RosGraph
+from rigel_k8s.objects.text import plural
+from rigel_k8s.problems import Problem
+from rigel_k8s.rosgraph.problems import find_problems, topic_of
+from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphTopic, RosGraph
 
 #: What rospy (PID and milliseconds), roscpp (nanoseconds) and tf2 (an address) add to a name.
 GENERATED = re.compile(r"(_\d+_\d{10,}|_(?=[a-f]*\d)[0-9a-f]{8,})(?=/|$)")
@@ -83,9 +85,9 @@ def compare(before: RosGraph, after: RosGraph, *, removed: Collection[str] = ())
     known = set(old.names.values())
     new = make_side(after, {n.name for n in after.nodes if is_own(n) or name_of(n) in known})
     fresh = list_new_problems(old, new, removed)
-    errors = [problem for problem in fresh if problem.error]
+    errors = [problem for problem in fresh if problem.is_error]
     topics = list(compare_topics(old, new))
-    named = {name for problem in errors for name in problem.nodes}
+    named = {name for problem in errors for name in problem.subjects}
     lost = {topic for topic, _ in topics}
     return Comparison(
         worse=(
@@ -97,7 +99,7 @@ def compare(before: RosGraph, after: RosGraph, *, removed: Collection[str] = ())
         ),
         changed=(
             *list_changes(old, new, removed),
-            *(p.message for p in fresh if not p.error and generalise(p.topic) not in lost),
+            *(p.message for p in fresh if not p.is_error and generalise(topic_of(p)) not in lost),
         ),
     )
 
@@ -153,7 +155,7 @@ def list_lost_nodes(old: _Side, new: _Side, named: Collection[str]) -> Iterator[
             yield f"{name}: there were {had} nodes of this name, now {now[name]}"
 
 
-def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[GraphProblem]:
+def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[Problem]:
     """Return the problems that the graph did not have before.
 
     If a node outside of the release no longer answers, the update is not the cause; if types no
@@ -165,15 +167,15 @@ def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[
         problem
         for problem in find_problems(new.graph)
         if identify(problem) not in known
-        and (problem.kind == "type" or any(name in own for name in problem.nodes))
-        and not all(name in removed or is_tool(name) for name in problem.nodes)
+        and (problem.kind == "type" or any(name in own for name in problem.subjects))
+        and not all(name in removed or is_tool(name) for name in problem.subjects)
     ]
 
 
-def identify(problem: GraphProblem) -> tuple[object, ...]:
+def identify(problem: Problem) -> tuple[object, ...]:
     """Return what makes two problems the same; a missing publisher is the topic's, not a node's."""
-    nodes = () if problem.kind == "no-publisher" else tuple(map(generalise, problem.nodes))
-    return problem.kind, generalise(problem.topic), nodes
+    nodes = () if problem.kind == "no-publisher" else tuple(map(generalise, problem.subjects))
+    return problem.kind, generalise(topic_of(problem)), nodes
 
 
 def compare_topics(old: _Side, new: _Side) -> Iterator[tuple[str, str]]:
@@ -186,7 +188,7 @@ def compare_topics(old: _Side, new: _Side) -> Iterator[tuple[str, str]]:
         ):
             had, has = old.count(a), new.count(b)
             if has < had:
-                yield name, f"{show(name)} had {had} {what}{'s' * (had != 1)}, now {has}"
+                yield name, f"{show(name)} had {plural(had, what)}, now {has}"
 
 
 def compare_services(old: _Side, new: _Side) -> Iterator[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGraph
+from rigel_k8s.problems import Problem
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 #: Topics that ROS itself or every tool subscribes to, with or without a publisher.
 OPTIONAL_TOPICS = frozenset(
@@ -12,24 +13,37 @@ OPTIONAL_TOPICS = frozenset(
 )
 
 
-def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:
-    """Return what is wrong, errors first. A publisher without subscribers is not a problem."""
-    found = [problem for node in graph.nodes for problem in check_node(node)]
-    found += [problem for topic in graph.topics for problem in check_topic(topic)]
-    return tuple(sorted(found, key=lambda problem: not problem.error))
+def find_problems(graph: RosGraph) -> tuple[Problem, ...]:
+    """Return what is wrong, errors first. A publisher without subscribers is not a problem.
+
+    The subjects of a problem are nodes; that of a topic has the topic in its path.
+    """
+    problems = [problem for node in graph.nodes for problem in check_node(node)]
+    problems += [problem for topic in graph.topics for problem in check_topic(topic)]
+    return tuple(sorted(problems, key=lambda problem: not problem.is_error))
 
 
-def check_node(node: GraphNode) -> Iterator[GraphProblem]:
+def topic_of(problem: Problem) -> str:
+    """Return the topic that a problem is about, "" for one of a node."""
+    return str(problem.path[1]) if problem.path else ""
+
+
+def check_node(node: GraphNode) -> Iterator[Problem]:
     """Yield what is wrong with a node: only the most direct cause."""
+    subjects = (node.name,)
     if not node.registered:
         message = f"{node.name} is not in the graph: {explain_missing(node)}"
-        yield GraphProblem("missing", message, nodes=(node.name,))
+        remedy = "" if node.pod and node.ready else "see `rigel status` and `rigel logs NODE`"
+        yield Problem((), message, "missing", remedy=remedy, subjects=subjects)
     elif not node.up:
-        message = f"{node.name} does not answer"
-        yield GraphProblem("no-answer", message, nodes=(node.name,))
+        remedy = "restart its pod: it hangs, or it has gone"
+        yield Problem(
+            (), f"{node.name} does not answer", "no-answer", remedy=remedy, subjects=subjects
+        )
     elif not node.ready:
         message = f"{node.name}: its pod {node.pod} is not ready"
-        yield GraphProblem("not-ready", message, nodes=(node.name,))
+        remedy = "`rigel status` has the reason"
+        yield Problem((), message, "not-ready", remedy=remedy, subjects=subjects)
 
 
 def explain_missing(node: GraphNode) -> str:
@@ -41,21 +55,14 @@ def explain_missing(node: GraphNode) -> str:
     return f"its pod {node.pod} is ready; check whether its program uses another name"
 
 
-def check_topic(topic: GraphTopic) -> Iterator[GraphProblem]:
+def check_topic(topic: GraphTopic) -> Iterator[Problem]:
     """Yield what is wrong with a topic."""
+    path = ("topics", topic.name)
     for other in topic.mismatches:
-        yield GraphProblem(
-            "type",
-            f"{other.node} uses {topic.name} as {other.type}, the others as {topic.type}",
-            nodes=(other.node,),
-            topic=topic.name,
-        )
+        message = f"{other.node} uses {topic.name} as {other.type}, the others as {topic.type}"
+        remedy = "build both from the same messages"
+        yield Problem(path, message, "type", remedy=remedy, subjects=(other.node,))
     if topic.subscribers and not topic.publishers and topic.name not in OPTIONAL_TOPICS:
         some = ", ".join(topic.subscribers[:3]) + (", ..." if len(topic.subscribers) > 3 else "")
-        yield GraphProblem(
-            "no-publisher",
-            f"{topic.name} has no publisher; subscribed by {some}",
-            nodes=topic.subscribers,
-            topic=topic.name,
-            error=False,
-        )
+        message = f"{topic.name} has no publisher; subscribed by {some}"
+        yield Problem(path, message, "no-publisher", "warning", subjects=topic.subscribers)

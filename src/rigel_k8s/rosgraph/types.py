@@ -107,20 +107,3 @@ class RosGraph:
             for topic in self.topics
         )
         return attrs.evolve(self, topics=tuple(topics))
-
-
-@attrs.frozen
-class GraphProblem:
-    """Something that is wrong in a graph.
-
-    Attributes:
-        kind: a slug for scripts; kinds.py explains them.
-        nodes, topic: what it is about.
-        error: the graph does not work as the release describes it; otherwise it may be on purpose.
-    """
-
-    kind: str
-    message: str
-    nodes: tuple[str, ...] = ()
-    topic: str = ""
-    error: bool = True

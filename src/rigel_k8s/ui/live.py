@@ -348,10 +348,7 @@ class GraphReader:
             old: Mapping[str, Any] = self._live.feed.get("graph") or {}
             state = {"message": error.message, "read": old.get("read", "")}
         else:
-            problems = [
-                {"message": p.message, "error": p.error, "nodes": p.nodes, "kind": p.kind}
-                for p in self.found.problems
-            ]
+            problems = [problem.to_json() for problem in self.found.problems]
             self._live.feed.publish("problems", {"problems": problems})
             self._live.draw()
         if not self._live.over.is_set():

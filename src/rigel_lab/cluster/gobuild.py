@@ -18,6 +18,7 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.errors import LocalClusterError
+from rigel_k8s.objects.text import plural
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress, follow, run
 from rigel_lab.cluster.download import Unavailable
@@ -162,7 +163,7 @@ class GoBuild:
         """
         with locked(cache_dir() / f"{self.key()}.lock"):
             if not self.directory.exists():
-                minutes = f"about {self.minutes} minute{'s' * (self.minutes > 1)}"
+                minutes = f"about {plural(self.minutes, 'minute')}"
                 cause = f"{why}: compiling" if why else "Compiling"
                 report(f"{cause} {self.title} from source ({minutes} on two cores, once)")
                 self._build(report)

@@ -162,7 +162,7 @@ def test_macvlan(release: Callable[[str], Release], machines: list[str]):
     made.ready(*names)
 
     def is_whole(found: DiscoveryGraph) -> bool:
-        return not found.findings and all(len(p.discovered_by or ()) == 3 for p in found.pods)
+        return not found.problems and all(len(p.discovered_by or ()) == 3 for p in found.pods)
 
     found = made.looked(is_whole, "graph in which all discover each other")
     assert [p.pod for p in found.pods] == names
@@ -207,7 +207,7 @@ def test_wrong_domain(release: Callable[[str], Release], machines: list[str]):
     made.node("two", machines[1], env={"ROS_DOMAIN_ID": "5"})
     made.ready("one", "two")
     found = made.looked(lambda found: kinds(found) == ["wrong-domain"], "wrong domain alone")
-    assert "two takes part in DDS domain 5 instead of 77" in found.findings[0].message
+    assert "two takes part in DDS domain 5 instead of 77" in found.problems[0].message
 
 
 def test_stopped(release: Callable[[str], Release], machines: list[str]):
@@ -261,14 +261,14 @@ def test_no_second_network(release: Callable[[str], Release], machines: list[str
     subprocess.run([*inside, "ip", "link", "delete", "net1"], check=True)
     made.unready("two")
     found = made.looked(lambda found: kinds(found) == ["no-interface"], "missing interface alone")
-    (finding,) = found.findings
+    (finding,) = found.problems
     assert finding.message.startswith("two has no net1: Multus did not attach the second network")
     assert "delete the pod" in finding.remedy
 
 
 def kinds(found: DiscoveryGraph) -> list[str]:
     """Return the kinds of a graph's findings."""
-    return [finding.kind for finding in found.findings]
+    return [finding.kind for finding in found.problems]
 
 
 def entering(cluster: Any, namespace: str, pod: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 
 from rigel_k8s.cli.tables import ORPHAN, age, headline, status_json, status_text
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.discovery.words import GraphFinding
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode
@@ -62,8 +62,8 @@ GRAPH = DiscoveryGraph(
     (PodGraph("talker-1", "node1", "macvlan", 0, "net1", "10.1.0.5", ("camera-1",), 2),),
     (("node2", "node1"),),
     (
-        GraphFinding(
-            "deaf", "multicast from node2 does not reach node1", "look at the switch", error=True
+        Problem(
+            (), "multicast from node2 does not reach node1", "deaf", remedy="look at the switch"
         ),
     ),
 )
@@ -141,7 +141,16 @@ def test_graph_in_the_table() -> None:
     assert status_json(release(TALKER), GRAPH)["graph"] == {
         "ok": False,
         "deaf": [{"from": "node2", "to": "node1"}],
-        "findings": [attrs.asdict(GRAPH.findings[0])],
+        "problems": [
+            {
+                "path": (),
+                "message": "multicast from node2 does not reach node1",
+                "kind": "deaf",
+                "severity": "error",
+                "remedy": "look at the switch",
+                "subjects": (),
+            }
+        ],
         "pods": [attrs.asdict(GRAPH.pods[0])],
     }
 
@@ -150,9 +159,9 @@ def test_a_graph_in_order() -> None:
     """A graph without findings adds columns and no line; a remedy of several stands once, the kind
     of each behind it, for `rigel explain`.
     """
-    order = attrs.evolve(GRAPH, findings=(), deaf=())
+    order = attrs.evolve(GRAPH, problems=(), deaf=())
     assert status_text(release(TALKER), NOW, order).splitlines()[-1].startswith("talker")
-    twice = attrs.evolve(GRAPH, findings=GRAPH.findings * 2)
+    twice = attrs.evolve(GRAPH, problems=GRAPH.problems * 2)
     text = status_text(release(TALKER), NOW, twice)
     assert text.count("look at the switch") == 1
     assert text.count("[deaf]") == 2

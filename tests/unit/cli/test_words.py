@@ -247,14 +247,15 @@ def test_down_does_not_ask_where_nobody_can_answer(record: Any) -> None:
 def test_doctor(record: Any) -> None:
     """A line for each need, what to do where one lacks, exit code 1."""
     found = [
-        doctors.DoctorFinding("cluster", ok=True, found="lab, v1.34.4"),
-        doctors.DoctorFinding("storage", ok=False, found="none", hint="make one"),
+        doctors.Need("cluster", "lab, v1.34.4"),
+        doctors.lack("storage", "none", "make one"),
     ]
     record(doctors, "examine", found)
     done = call("doctor")
     assert done.return_value == 1
     assert done.stdout == "✓ cluster: lab, v1.34.4\n✗ storage: none\n    make one\n"
-    assert json.loads(call("doctor", "-o", "json").stdout)[1]["hint"] == "make one"
+    cluster, storage = json.loads(call("doctor", "-o", "json").stdout)
+    assert (cluster["problem"], storage["problem"]["remedy"]) == (None, "make one")
 
 
 def test_image(record: Any) -> None:

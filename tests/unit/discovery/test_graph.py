@@ -15,10 +15,10 @@ from rigel_k8s.discovery import looks as graph_looks
 from rigel_k8s.discovery.findings import DiscoveryGraph, graph
 from rigel_k8s.discovery.looks import ANNOUNCERS, Observation, commands, look
 from rigel_k8s.discovery.members import Member, members
-from rigel_k8s.discovery.words import GraphFinding
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.text import join_words
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
 from tests.support.recorder import Recorder
 
@@ -84,8 +84,8 @@ def test_a_program_without_dds(probe: list[str], error: bool):  # noqa: FBT001
     """Who gives a node another readiness may mean one without DDS: told, and no error."""
     (found,) = members([pod(probe=probe)])
     found = attrs.evolve(found, address=None)
-    (finding,) = graph([found], {found.pod: seen("x", own=[], heard=[])}).findings
-    assert (finding.kind, finding.error) == ("no-participant", error)
+    (finding,) = graph([found], {found.pod: seen("x", own=[], heard=[])}).problems
+    assert (finding.kind, finding.is_error) == ("no-participant", error)
 
 
 def test_promised_address():
@@ -162,7 +162,7 @@ def test_in_order():
     found = graph(
         [member("a", "node1"), member("b", "node2")], {"a": seen("a", "b"), "b": seen("b", "a")}
     )
-    assert found.findings == ()
+    assert found.problems == ()
     assert [pod.discovered_by for pod in found.pods] == [("b",), ("a",)]
 
 
@@ -172,7 +172,7 @@ def test_every_participant_of_a_pod_counts():
     looks = {"a": seen("a", "b", heard=[*several, participant("b", own=False)])}
     looks["b"] = seen("b", "a")
     found = graph([member("a", "node1"), member("b", "node2")], looks)
-    assert [f.message for f in found.findings] == ["a is not discovered by any other pod"]
+    assert [f.message for f in found.problems] == ["a is not discovered by any other pod"]
 
 
 def test_one_way():
@@ -180,7 +180,7 @@ def test_one_way():
     looks = {"a": seen("a", "b", beacons=frozenset()), "b": seen("b", "a")}
     found = graph([member("a", "node1"), member("b", "node2")], looks)
     assert found.deaf == (("node2", "node1"),)
-    assert [f.message for f in found.findings] == [
+    assert [f.message for f in found.problems] == [
         "multicast at net1 from node2 does not reach node1"
     ]
 
@@ -207,8 +207,8 @@ def test_pod_network(machines: tuple[str, str], message: str):
         for name, machine in zip("ab", machines, strict=True)
     ]
     looks = {"a": seen("a", sends=True), "b": seen("b", sends=machines[0] != machines[1])}
-    (finding,) = graph(found, looks).findings
-    assert (finding.message, finding.error) == (message, False)
+    (finding,) = graph(found, looks).problems
+    assert (finding.message, finding.is_error) == (message, False)
     assert finding.remedy.startswith("set `network`")
 
 
@@ -218,7 +218,7 @@ def test_forbidden():
         "commands in pods are not allowed (the right `create pods/exec` is missing)"
     )
     found = graph([member("a"), member("b")], {"a": problem, "b": problem})
-    assert [str(f) for f in found.findings] == [
+    assert [str(f) for f in found.problems] == [
         "a and b could not be checked: commands in pods are not allowed (the right `create"
         " pods/exec` is missing) [not-looked]"
     ]
@@ -300,9 +300,11 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[DiscoveryGraph | None]:
 
 
 RELEASE = ReleaseId("robots", "app")
-WRONG = DiscoveryGraph((), (), (GraphFinding("deaf", "node2 is deaf", "look", error=True),))
+WRONG = DiscoveryGraph((), (), (Problem((), "node2 is deaf", "deaf", remedy="look"),))
 GOOD = DiscoveryGraph((), (), ())
-DOUBT = DiscoveryGraph((), (), (GraphFinding("deaf", "no multicast", "set network"),))
+DOUBT = DiscoveryGraph(
+    (), (), (Problem((), "no multicast", "deaf", "warning", remedy="set network"),)
+)
 
 
 def run_check(report: Recorder, cancel: threading.Event | None = None) -> None:
@@ -333,7 +335,7 @@ def test_what_a_busy_machine_may_explain_is_looked_at_again(looks: list[Discover
     """A second look decides; what no time explains is told at once."""
     looks += [WRONG, GOOD]
     assert graphs.survey(None, RELEASE) is GOOD  # type: ignore[arg-type]
-    lacking = GraphFinding("no-interface", "one has no net1", "delete it", error=True)
+    lacking = Problem((), "one has no net1", "no-interface", remedy="delete it")
     wrong = DiscoveryGraph((), (), (lacking,))
     looks[:] = [wrong, GOOD]
     assert graphs.survey(None, RELEASE) is wrong  # type: ignore[arg-type]

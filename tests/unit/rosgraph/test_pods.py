@@ -126,7 +126,7 @@ def test_an_expected_node_that_is_not_there_is_in_the_graph_as_missing() -> None
 
 
 def messages(graph: RosGraph) -> list[tuple[str, str, bool]]:
-    return [(one.kind, one.message, one.error) for one in find_problems(graph)]
+    return [(one.kind, one.message, one.is_error) for one in find_problems(graph)]
 
 
 def test_a_nodes_nearest_cause_is_named() -> None:

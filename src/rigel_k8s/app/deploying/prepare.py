@@ -35,7 +35,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.network.preflight.finding import PreflightFinding
+    from rigel_k8s.problems import Problem
 
 
 @attrs.frozen
@@ -52,7 +52,7 @@ class Preparation:
     desired: Desired
     options: OrchestrationOptions
     credentials: tuple[RegistryCredentials, ...] = ()
-    findings: Sequence[PreflightFinding] | None = None
+    findings: Sequence[Problem] | None = None
     stack: StackRequest | None = None
 
 
@@ -152,7 +152,7 @@ def _finish(
 
 def _examine(
     objects: Sequence[Manifest], options: OrchestrationOptions, cluster: Cluster | None
-) -> Sequence[PreflightFinding] | None:
+) -> Sequence[Problem] | None:
     """Return what the preflight finds; None if it should not run."""
     if cluster is None:
         return None

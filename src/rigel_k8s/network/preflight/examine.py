@@ -12,28 +12,33 @@ from typing import TYPE_CHECKING, Any
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
+from rigel_k8s.network.preflight import finding, interfaces, policies, presence, ranges
 from rigel_k8s.network.preflight.attachments import KIND, attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightFinding
-from rigel_k8s.network.preflight.interfaces import interfaces
-from rigel_k8s.network.preflight.policies import policies
-from rigel_k8s.network.preflight.presence import presence, programs
-from rigel_k8s.network.preflight.ranges import ranges, room
+from rigel_k8s.network.preflight.finding import PreflightKind
 from rigel_k8s.network.preflight.wanted import find_wanted
+from rigel_k8s.problems import Problem
 from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
 #: All checks, in the order in which their findings are reported.
-CHECKS: Sequence[Callable[[Case], Iterator[PreflightFinding]]] = (
-    presence,
-    programs,
-    interfaces,
-    ranges,
-    room,
-    policies,
+CHECKS: Sequence[Callable[[Case], Iterator[Problem]]] = (
+    presence.presence,
+    presence.programs,
+    interfaces.interfaces,
+    ranges.ranges,
+    ranges.room,
+    policies.policies,
 )
+#: The kinds of problems that they yield, by name: each is a constant beside its check.
+KINDS: Mapping[str, PreflightKind] = {
+    value.name: value
+    for module in (presence, interfaces, ranges, policies, finding)
+    for value in vars(module).values()
+    if isinstance(value, PreflightKind)
+}
 
 
 def check(
@@ -57,19 +62,19 @@ def check(
     report_findings(examine(objects, network, cluster), report)
 
 
-def report_findings(found: Sequence[PreflightFinding], report: Reporter) -> None:
+def report_findings(found: Sequence[Problem], report: Reporter) -> None:
     """Print warnings, and raise an error for the others as `check` does."""
-    for one in found:
-        if one.severity == "warning":
-            report.warn(f"{one.message}: {one.remedy} [{one.kind}]")
-    error = failure([one for one in found if one.severity == "error"])
+    for problem in found:
+        if not problem.is_error:
+            report.warn(problem.text)
+    error = failure([problem for problem in found if problem.is_error])
     if error:
         raise error
 
 
 def examine(
     objects: Iterable[Mapping[str, Any]], network: Network | None, cluster: Cluster
-) -> list[PreflightFinding]:
+) -> list[Problem]:
     """Return everything that keeps a release's network from working, or may."""
     if network is None or not mode_of(network).on_machines:
         return []
@@ -85,24 +90,21 @@ def examine(
     return [*findings(case), *unseen]
 
 
-def findings(case: Case) -> list[PreflightFinding]:
+def findings(case: Case) -> list[Problem]:
     """Return everything that keeps a release's network from working, each once."""
-    return list(dict.fromkeys(finding for check in CHECKS for finding in check(case)))
+    return list(dict.fromkeys(problem for check in CHECKS for problem in check(case)))
 
 
-def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:
+def failure(errors: Sequence[Problem]) -> RigelK8sError | None:
     """Return one error with all findings, None if there are none."""
     if not errors:
         return None
-    kind = UserError if any(one.fault == "rigelfile" for one in errors) else ClusterError
+    changes = {KINDS[problem.kind].changes for problem in errors}
+    failed = UserError if "Rigelfile" in changes else ClusterError
     if len(errors) == 1:
-        return kind(f"{errors[0].message} [{errors[0].kind}]", hint=errors[0].remedy)
-    return kind(
+        return failed(f"{errors[0].message} [{errors[0].kind}]", hint=errors[0].remedy)
+    return failed(
         f"{len(errors)} things keep the network of this release from working",
-        details=[line for one in errors for line in _lines(one)],
+        details=[line for problem in errors for line in problem.lines()],
         hint="nothing was applied; `rigel explain KIND` explains the word in brackets",
     )
-
-
-def _lines(one: PreflightFinding) -> tuple[str, str]:
-    return f"{one.message} [{one.kind}]", f"    {one.remedy}"

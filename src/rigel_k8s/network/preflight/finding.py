@@ -1,4 +1,4 @@
-"""A finding of preflight, and the lists in its text."""
+"""The kinds of preflight's problems, and the lists in their text."""
 
 from __future__ import annotations
 
@@ -7,26 +7,40 @@ from typing import Literal
 
 import attrs
 
+from rigel_k8s.problems import Problem
+
 #: How to install Multus, whereabouts and the CNI programs.
 INSTALL = "run `rigel network install`, or set `network: {install: true}` in the Rigelfile"
 
 
 @attrs.frozen
-class PreflightFinding:
-    """One thing that keeps the network from working, or may.
+class PreflightKind:
+    """One kind of problem, as a constant beside its check; docs/errors.md lists them all.
 
     Attributes:
-        kind: a short slug, stable for scripts; kinds.py explains it.
-        remedy: what to do next, one line.
-        severity: an error stops the deploy, a warning is printed.
-        fault: whether the Rigelfile must change (exit code 2), or the cluster.
+        cause: what is wrong: a clause in lower case, in Markdown.
+        changes: who has to change something: the Rigelfile (exit code 2), the cluster (exit
+            code 1), or no one, since it is a warning.
+        found_by: where the answer comes from.
     """
 
-    kind: str
-    message: str
-    remedy: str
-    severity: Literal["error", "warning"] = "error"
-    fault: Literal["rigelfile", "cluster"] = "cluster"
+    name: str
+    cause: str
+    changes: Literal["Rigelfile", "cluster", "warning"]
+    found_by: str
+
+    def problem(self, message: str, remedy: str) -> Problem:
+        """Return a problem of this kind."""
+        severity: Literal["error", "warning"] = "warning" if self.changes == "warning" else "error"
+        return Problem((), message, self.name, severity, remedy=remedy)
+
+
+UNSEEN = PreflightKind(
+    "unseen",
+    "something could not be examined",
+    "warning",
+    "",
+)
 
 
 def list_some(items: Iterable[object], most: int = 5) -> str:

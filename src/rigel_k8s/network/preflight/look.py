@@ -23,9 +23,10 @@ from rigel_k8s.network.preflight.attachments import (
 )
 from rigel_k8s.network.preflight.case import Case, MachineView
 from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
-from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text
+from rigel_k8s.network.preflight.finding import UNSEEN, group_by_text
 from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, Subnet, parse
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.rollout.causes import owner
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ NOTHING: Sequence[Manifest] = ()
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
 
-def look(case: Case, cluster: Cluster) -> tuple[Case, list[PreflightFinding]]:
+def look(case: Case, cluster: Cluster) -> tuple[Case, list[Problem]]:
     """Return the case with the facts about the cluster, and a warning of what is unknown."""
     eyes = _Eyes(cluster)
     case = attrs.evolve(case, view=eyes.cluster_view(case))
@@ -54,7 +55,7 @@ class _Eyes:
         self._cluster = cluster
         self._unseen: dict[str, str] = {}  # what -> why not
 
-    def report_unseen(self) -> list[PreflightFinding]:
+    def report_unseen(self) -> list[Problem]:
         """Return the warning that lists what could not be examined."""
         if not self._unseen:
             return []
@@ -63,11 +64,9 @@ class _Eyes:
             for why, what in group_by_text(self._unseen).items()
         )
         return [
-            PreflightFinding(
-                "unseen",
+            UNSEEN.problem(
                 f"preflight could not check {parts}",
                 "problems there appear when pods start",
-                severity="warning",
             )
         ]
 

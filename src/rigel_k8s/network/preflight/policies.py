@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
+from rigel_k8s.network.preflight.finding import PreflightKind, list_some
 from rigel_k8s.network.preflight.wanted import is_selected
+from rigel_k8s.problems import Problem
+
+NETWORK_POLICY = PreflightKind(
+    "network-policy",
+    "a NetworkPolicy selects pods of the release, and does not cover the second interface"
+    " (nor `host`)",
+    "warning",
+    "NetworkPolicies of the namespace",
+)
 
 
-def policies(case: Case) -> Iterator[PreflightFinding]:
+def policies(case: Case) -> Iterator[Problem]:
     """Yield NetworkPolicies that select our pods: they do not apply to a second network."""
     found: dict[str, None] = {}
     for policy in case.view.policies:
@@ -21,10 +30,8 @@ def policies(case: Case) -> Iterator[PreflightFinding]:
         return
     host = not case.keys
     where = "the machine's network (`mode: host`)" if host else "the second interface"
-    yield PreflightFinding(
-        "network-policy",
+    yield NETWORK_POLICY.problem(
         f"NetworkPolicy {list_some(found)} selects pods of this release and does not cover {where}",
         "every device on that network reaches all their ports: separate it with a VLAN or the"
         " machines' firewall" + ("" if host else ", or use MultiNetworkPolicy"),
-        severity="warning",
     )

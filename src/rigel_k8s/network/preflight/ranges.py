@@ -6,13 +6,63 @@ from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.attachments import Attachment, Range, subnet
 from rigel_k8s.network.preflight.case import Case, addresses_of
-from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
+from rigel_k8s.network.preflight.finding import PreflightKind, list_some
 from rigel_k8s.network.preflight.machine import Address, Subnet
+from rigel_k8s.problems import Problem
+
+ATTACHMENT_ADDRESSES = PreflightKind(
+    "attachment-addresses",
+    "`ipam: static`, and the attachment assigns no requested addresses",
+    "Rigelfile",
+    "its configuration",
+)
+ROUTE = PreflightKind(
+    "route",
+    "a machine reaches a part of the subnet by another interface",
+    "warning",
+    "`/proc/net/route`",
+)
+MACHINE_ADDRESS = PreflightKind(
+    "machine-address",
+    "pods would get addresses of machines",
+    "Rigelfile",
+    "addresses of the nodes, from Kubernetes and from the machines",
+)
+GATEWAY_ADDRESS = PreflightKind(
+    "gateway-address",
+    "a pod would get the gateway's address (whereabouts assigns it)",
+    "Rigelfile",
+    "the attachment",
+)
+HOST_LOCAL = PreflightKind(
+    "host-local",
+    "host-local with several pods on several machines",
+    "Rigelfile",
+    "where the pods may run",
+)
+TOO_FEW_ADDRESSES = PreflightKind(
+    "too-few-addresses",
+    "there are more pods than addresses (`static`, `whereabouts`, `host-local`)",
+    "Rigelfile",
+    "counting",
+)
+POD_NETWORK = PreflightKind(
+    "pod-network",
+    "the subnet overlaps that of the pods",
+    "Rigelfile",
+    "`podCIDRs` of all nodes",
+)
+SERVICE_NETWORK = PreflightKind(
+    "service-network",
+    "the subnet overlaps that of the Services",
+    "Rigelfile",
+    "ServiceCIDRs (Kubernetes 1.33 and newer), the Service `kubernetes`",
+)
 
 KEEP_OFF = "exclude them with `network.range_start`, `range_end` or `exclude`"
 
 
-def ranges(case: Case) -> Iterator[PreflightFinding]:
+def ranges(case: Case) -> Iterator[Problem]:
     """Yield what an attachment's addresses collide with."""
     for one in case.attachments:
         for given in case.ranges(one):
@@ -22,7 +72,7 @@ def ranges(case: Case) -> Iterator[PreflightFinding]:
         yield from _check_asked(case, one)
 
 
-def _check_asked(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_asked(case: Case, one: Attachment) -> Iterator[Problem]:
     """Yield attachments that do not give pods the addresses that they request."""
     if not case.list_asked_addresses(one) or (one.ipam == "static" and one.passes):
         return
@@ -30,33 +80,27 @@ def _check_asked(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
         why = f"it takes addresses from {one.ipam}" if one.ipam else "it has no `ipam`"
     else:
         why = '`"capabilities": {"ips": true}` is missing in its configuration'
-    yield PreflightFinding(
-        "attachment-addresses",
+    yield ATTACHMENT_ADDRESSES.problem(
         f"NetworkAttachmentDefinition {one.key} does not give pods the addresses that they request:"
         f" {why}",
         'use an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`,'
         " or remove `ipam: static` from the Rigelfile",
-        fault="rigelfile",
     )
 
 
-def _check_cluster_networks(case: Case, given: Range) -> Iterator[PreflightFinding]:
+def _check_cluster_networks(case: Case, given: Range) -> Iterator[Problem]:
     pods = [f"{text} ({node})" for node, text in _pod_networks(case) if _overlap(given, text)]
     if pods:
-        yield _overlapping("pod-network", given, f"the pod network: {list_some(pods)}")
+        yield _overlapping(POD_NETWORK, given, f"the pod network: {list_some(pods)}")
     services = [str(text) for text in case.view.services if _overlap(given, text)]
     if services:
-        yield _overlapping(
-            "service-network", given, f"the Services' network: {list_some(services)}"
-        )
+        yield _overlapping(SERVICE_NETWORK, given, f"the Services' network: {list_some(services)}")
 
 
-def _overlapping(kind: str, given: Range, what: str) -> PreflightFinding:
-    return PreflightFinding(
-        kind,
+def _overlapping(kind: PreflightKind, given: Range, what: str) -> Problem:
+    return kind.problem(
         f"subnet {given.subnet} overlaps {what}: pods would look for those on the second network",
         "set `network.subnet` to a range that nothing in the cluster uses",
-        fault="rigelfile",
     )
 
 
@@ -73,9 +117,7 @@ def _overlap(given: Range, other: Subnet) -> bool:
     return given.subnet.version == other.version and given.subnet.overlaps(other)
 
 
-def _check_other_interfaces(
-    case: Case, one: Attachment, given: Range
-) -> Iterator[PreflightFinding]:
+def _check_other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Problem]:
     """Yield ranges that machines reach elsewhere: pods would look for them on the second network.
 
     Routes to pods are left out: _check_cluster_networks reports them.
@@ -88,12 +130,10 @@ def _check_other_interfaces(
             if route.interface == master or length in (0, route.subnet.max_prefixlen):
                 continue
             if _overlap(given, route.subnet) and not any(_is_within(route.subnet, p) for p in pods):
-                yield PreflightFinding(
-                    "route",
+                yield ROUTE.problem(
                     f"{node} reaches {route.subnet} through {route.interface}, and subnet"
                     f" {given.subnet} overlaps it: pods would look for it on {master}",
                     "use another `network.subnet`, unless both interfaces are on one segment",
-                    severity="warning",
                 )
 
 
@@ -101,7 +141,7 @@ def _is_within(inner: Subnet, outer: Subnet) -> bool:
     return inner.version == outer.version and inner.subnet_of(outer)  # type: ignore[arg-type]
 
 
-def _check_machines(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
+def _check_machines(case: Case, one: Attachment, given: Range) -> Iterator[Problem]:
     """Yield addresses of machines and of the gateway that pods would get."""
     asked = case.list_asked_addresses(one)
     owners = _owners(case)
@@ -110,18 +150,14 @@ def _check_machines(case: Case, one: Attachment, given: Range) -> Iterator[Prefl
     else:
         stolen = [f"{a} ({owners[a]})" for a in sorted(owners, key=int) if given.gives(a)]
     if stolen:
-        yield PreflightFinding(
-            "machine-address",
+        yield MACHINE_ADDRESS.problem(
             f"pods would get addresses that machines have: {list_some(stolen)}",
             KEEP_OFF,
-            fault="rigelfile",
         )
     if one.gateway and (given.gives(one.gateway) if one.ipam != "static" else one.gateway in asked):
-        yield PreflightFinding(
-            "gateway-address",
+        yield GATEWAY_ADDRESS.problem(
             f"a pod would get the gateway's address, {one.gateway}",
             KEEP_OFF,
-            fault="rigelfile",
         )
 
 
@@ -136,7 +172,7 @@ def _owners(case: Case) -> dict[Address, str]:
     return {one: node for one, node in found.items() if not any(one in n for n in pods)}
 
 
-def room(case: Case) -> Iterator[PreflightFinding]:
+def room(case: Case) -> Iterator[Problem]:
     """Yield attachments whose addresses run out, and those that give two pods the same one."""
     for one in case.attachments:
         pods = case.pods(one)
@@ -148,24 +184,20 @@ def room(case: Case) -> Iterator[PreflightFinding]:
             yield from _check_room(given, pods)
 
 
-def _host_local(nodes: list[str]) -> PreflightFinding:
-    return PreflightFinding(
-        "host-local",
+def _host_local(nodes: list[str]) -> Problem:
+    return HOST_LOCAL.problem(
         f"host-local gives out addresses on each machine independently, and pods may run on"
         f" {list_some(nodes)}: two of them would get the same address",
         "use `ipam: whereabouts`, or keep all pods on one machine with `placement.node`",
-        fault="rigelfile",
     )
 
 
-def _check_room(given: tuple[Range, ...], pods: int) -> Iterator[PreflightFinding]:
+def _check_room(given: tuple[Range, ...], pods: int) -> Iterator[Problem]:
     # A pod gets one address of each range, so the smallest range decides.
     least = min(given, key=lambda r: r.size)
     if pods > least.size:
-        yield PreflightFinding(
-            "too-few-addresses",
+        yield TOO_FEW_ADDRESSES.problem(
             f"{pods} pods need an address, and {least.subnet} has {least.size} to give out"
             f" ({least})",
             "use a larger `network.subnet`, or a larger range in `range_start` and `range_end`",
-            fault="rigelfile",
         )

@@ -13,6 +13,7 @@ import attrs
 
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.text import plural
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
@@ -220,7 +221,7 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
     if ended.get("reason") == "StartError" and not up:
         yield never_started(pod, own, ended.get("message") or "")
         return
-    times = f", restarted {restarts} time{'s' if restarts != 1 else ''}" if restarts else ""
+    times = f", restarted {plural(restarts, 'time')}" if restarts else ""
     message = f"container {own} {exit_words(ended)}{times}"
     yield Cause(
         "restarted" if up else "crash", message, pod, own, previous=not state.get("terminated")

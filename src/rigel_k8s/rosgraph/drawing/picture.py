@@ -11,7 +11,9 @@ from collections.abc import Iterable, Mapping
 
 import attrs
 
-from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphProblem, GraphTopic, RosGraph
+from rigel_k8s.problems import Problem
+from rigel_k8s.rosgraph.problems import topic_of
+from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphTopic, RosGraph
 
 #: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
@@ -87,7 +89,7 @@ class Picture:
 
 def make_picture(
     graph: RosGraph,
-    problems: Iterable[GraphProblem] = (),
+    problems: Iterable[Problem] = (),
     *,
     title: str = "",
     everything: bool = False,
@@ -98,8 +100,8 @@ def make_picture(
         everything: also show what each node has, and ROS 2's hidden topics.
     """
     found = tuple(problems)
-    bad_nodes = {name for p in found if p.kind != "no-publisher" for name in p.nodes}
-    bad_topics = {p.topic: p for p in found if p.topic}
+    bad_nodes = {name for p in found if p.kind != "no-publisher" for name in p.subjects}
+    bad_topics = {topic_of(p): p for p in found if p.path}
     topics = [topic for topic in graph.topics if everything or topic.is_public]
     busy = {name for topic in topics for name in (*topic.publishers, *topic.subscribers)}
     known = {node.name: node for node in graph.nodes}
@@ -172,9 +174,9 @@ def show_name(topic: str) -> str:
     return f"{topic.removesuffix(FEEDBACK)} (action)" if topic.endswith(FEEDBACK) else topic
 
 
-def is_bad(node: str, problem: GraphProblem | None) -> bool:
+def is_bad(node: str, problem: Problem | None) -> bool:
     """Whether a problem of a topic concerns its connection to a node."""
-    return problem is not None and node in problem.nodes
+    return problem is not None and node in problem.subjects
 
 
 def format_rate(value: float) -> str:

@@ -192,7 +192,7 @@ function showNotes(boxes) {
   const read = state.read ? `Topics as of ${showTime(state.read)}.` : "Topics have not been read yet.";
   setText(byId("graph-note"), boxes.length ? `${read}${state.message ? ` ${state.message}.` : ""}` : "");
   const problems = Array.isArray(get("problems")) ? get("problems") : [];
-  update(byId("problems"), problems.map((problem) => make("li", { class: problem.error ? "wrong" : "doubt" }, problem.message)), problems);
+  update(byId("problems"), problems.map((problem) => make("li", { class: problem.severity === "error" ? "wrong" : "doubt" }, problem.message)), problems);
 }
 
 // Keys.

@@ -17,6 +17,8 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.network.multus import install as network_install
 from rigel_k8s.network.preflight import examine as preflight
+from rigel_k8s.network.preflight.interfaces import INTERFACE_MISSING, INTERFACE_NO_CARRIER
+from rigel_k8s.network.preflight.presence import MULTUS_MISSING
 from rigel_k8s.observability import install as observability_install
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import types
@@ -231,14 +233,13 @@ def test_adopt_reaches_the_deploy(run: Any, fake: FakeCluster) -> None:
 
 def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
     """Warnings are told; all errors are in one."""
-    finding = preflight.PreflightFinding
-    beware = finding("mtu", "the MTU is odd", "mind it", severity="warning")
+    beware = INTERFACE_NO_CARRIER.problem("eth0 has no link", "mind it")
     preflight.report_findings([beware], report)
-    assert report.warnings == ["the MTU is odd: mind it [mtu]"]
-    lacks = finding("no-multus", "there is no Multus", "install it")
-    with pytest.raises(ClusterError, match=r"there is no Multus \[no-multus\]"):
+    assert report.warnings == ["eth0 has no link; mind it [interface-no-carrier]"]
+    lacks = MULTUS_MISSING.problem("there is no Multus", "install it")
+    with pytest.raises(ClusterError, match=r"there is no Multus \[multus-missing\]"):
         preflight.report_findings([beware, lacks], report)
-    wrong = finding("no-interface", "no eth7", "name another", fault="rigelfile")
+    wrong = INTERFACE_MISSING.problem("no eth7", "name another")
     with pytest.raises(UserError, match="2 things keep the network") as caught:
         preflight.report_findings([lacks, wrong], report)
-    assert "no eth7 [no-interface]" in caught.value.details
+    assert "no eth7 [interface-missing]" in caught.value.details

@@ -13,10 +13,10 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
 from rigel_k8s.network.preflight.case import Case, MachineView
 from rigel_k8s.network.preflight.daemon import Daemon
-from rigel_k8s.network.preflight.examine import findings
-from rigel_k8s.network.preflight.finding import PreflightFinding
+from rigel_k8s.network.preflight.examine import KINDS, findings
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts, parse
 from rigel_k8s.network.preflight.wanted import find_wanted
+from rigel_k8s.problems import Problem
 
 MACHINES = Path(__file__).parent / "machines"
 NAMESPACE = "robot"
@@ -104,7 +104,7 @@ def found(
     *objects: dict[str, Any],
     seen: MachineView | None = None,
     network: Network | None = None,
-) -> list[PreflightFinding]:
+) -> list[Problem]:
     """What is found where objects (default: a workload and its macvlan) meet a cluster."""
     items = list(objects) or [nad(), workload()]
     own = [attachment(item) for item in items if item["kind"] == "NetworkAttachmentDefinition"]
@@ -118,9 +118,13 @@ def found(
     )
 
 
-def texts(findings: list[PreflightFinding]) -> list[str]:
+def texts(findings: list[Problem]) -> list[str]:
     """How findings are told: SEVERITY FAULT KIND: MESSAGE => REMEDY."""
-    return [f"{f.severity} {f.fault} {f.kind}: {f.message} => {f.remedy}" for f in findings]
+    return [
+        f"{f.severity} {'rigelfile' if KINDS[f.kind].changes == 'Rigelfile' else 'cluster'}"
+        f" {f.kind}: {f.message} => {f.remedy}"
+        for f in findings
+    ]
 
 
 def addresses(*items: str) -> frozenset[Any]:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.network.options import Network, network_of
 from rigel_k8s.network.preflight.examine import examine, failure, report_findings
-from rigel_k8s.network.preflight.finding import PreflightFinding
+from rigel_k8s.network.preflight.interfaces import INTERFACE_NO_CARRIER, MTU
+from rigel_k8s.network.preflight.presence import MULTUS_MISSING
 from tests.support.recorder import Recorder
 
-LACKS = PreflightFinding("multus-missing", "Multus is not installed", "install it")
-WRONG = PreflightFinding("mtu", "an MTU of 9000 does not fit", "a smaller one", fault="rigelfile")
+LACKS = MULTUS_MISSING.problem("Multus is not installed", "install it")
+WRONG = MTU.problem("an MTU of 9000 does not fit", "a smaller one")
 
 
 class NoCluster:
@@ -48,8 +48,8 @@ def test_nothing_found_is_no_failure() -> None:
 def test_a_warning_names_its_kind() -> None:
     """`rigel explain` explains it by the word in brackets."""
     report = Recorder()
-    report_findings([attrs.evolve(LACKS, severity="warning")], report)
-    assert report.warnings == ["Multus is not installed: install it [multus-missing]"]
+    report_findings([INTERFACE_NO_CARRIER.problem("eth0 has no link", "plug it in")], report)
+    assert report.warnings == ["eth0 has no link; plug it in [interface-no-carrier]"]
 
 
 def test_one_finding_is_the_error() -> None:

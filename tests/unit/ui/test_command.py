@@ -103,8 +103,9 @@ def test_what_is_asked_is_not_logged(tmp_path: Path) -> None:
     with rigel_ui(tmp_path, "demo"):
         address = find_address(tmp_path)
         fetch(address)
-        with pytest.raises(urllib.error.HTTPError):
+        with pytest.raises(urllib.error.HTTPError) as caught:
             fetch(f"{address.rsplit('/', 2)[0]}/wrong/")
+        caught.value.close()
         assert "GET" not in (tmp_path / "err").read_text()
 
 

@@ -133,7 +133,8 @@ def main() -> None:
     only = words.only.split(",")
     with tempfile.TemporaryDirectory() as directory:
         bench = Bench(words.context, status.kubectl, status.registry, Path(directory))
-        rigel("image", "ros2-base", "--push", f"{status.registry}/ros:jazzy")
+        base = [sys.executable, "-m", "rigel_lab", "ros2-base"]
+        subprocess.run([*base, "--push", f"{status.registry}/ros:jazzy"], check=True)
         image = bench.image("bench-ros2", NODES)
         if "discovery" in only:
             show(discovery(bench, image, [int(n) for n in words.members.split(",")]))

@@ -5,8 +5,16 @@
 
 rigel() { rigel-k8s --context "$CONTEXT" "$@"; }
 
-# local_cluster NAME IMAGE [OPTIONS of cluster up]: takes CONTEXT, or makes a cluster, while `rigel image IMAGE`
-# builds the base image; fails without REGISTRY.
+# The command that builds a base image: that of ROS 2 is for the demo and the tests alone.
+build_image() {
+  case "$1" in
+    ros2-base) python3 -m rigel_lab "$@" ;;
+    *) rigel-k8s image "$@" ;;
+  esac
+}
+
+# local_cluster NAME IMAGE [OPTIONS of cluster up]: takes CONTEXT, or makes a cluster, while the base image is
+# built; fails without REGISTRY.
 local_cluster() {
   cluster="$1"
   local image="$2"
@@ -21,7 +29,7 @@ local_cluster() {
   fi
   CONTEXT="rigel-$cluster"
   base_image_log="$(mktemp)"
-  rigel-k8s image "$image" >"$base_image_log" 2>&1 &
+  build_image "$image" >"$base_image_log" 2>&1 &
   base_image_build=$!
   trap 'kill "$base_image_build" 2>/dev/null || true; rm -f "$base_image_log"' EXIT
   rigel-k8s cluster up --name "$cluster" "$@"
@@ -36,7 +44,7 @@ base_image() {
     step "Building a base image from packages, as $BASE_IMAGE" \
       tail --pid="$base_image_build" -n +1 -f "$base_image_log"
     wait "$base_image_build" || { cat "$base_image_log" >&2; exit 1; }
-    rigel-k8s image "$1" --push "$BASE_IMAGE"
+    build_image "$1" --push "$BASE_IMAGE"
   fi
   export REGISTRY BASE_IMAGE="${BASE_IMAGE:-$3}"
 }

@@ -18,6 +18,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 
 from ..support import shared
+from ..support.ros2base import push_ros2
 from ..support.until import until
 from .rights import DEPLOYER, INSTALLER, grant_role, write_impersonation
 
@@ -217,8 +218,7 @@ def base_image(registry: str) -> str:
 def ros2_image(registry: str) -> str:
     """The ROS 2 base image in the cluster's registry."""
     name = f"{registry}/ros:jazzy"
-    words = ("image", "ros2-base", "--push", name)
-    shared.once("ros2-base", lambda: run_rigel(*words, timeout=shared.BUILDS))
+    shared.once("ros2-base", lambda: push_ros2(name))
     return name
 
 

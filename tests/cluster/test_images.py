@@ -25,7 +25,6 @@ from typing import Any, Literal
 import attrs
 import pytest
 
-from rigel_k8s.commands import images
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.registry import DIGESTS
@@ -44,6 +43,7 @@ from rigel_k8s.system import oci
 from rigel_lab import cluster as lab
 from rigel_lab.images import exporter
 from rigel_lab.images.base.build import BaseImage
+from rigel_lab.images.base.delivery import deliver
 from tests.support.digests import resolve_digest
 from tests.support.recorder import Recorder
 from tests.support.until import until
@@ -379,7 +379,7 @@ def test_a_base_image_that_is_pushed_anew_is_what_is_built_on(
         oci.write_archive(archive, [layer], {}, "localhost/x:1", created=0)
         made = BaseImage("localhost/x:1", archive, built=True)
         monkeypatch.setattr(exporter, "build", lambda _, made=made, **__: made)
-        assert images.ros_exporter(Recorder(), push=name, force=False) == name
+        assert deliver(exporter.build(Recorder()), name, Recorder()) == name
         build(project, f"localhost/{path}:1")
     podman("create", "--name", "second", "localhost/second:1", "none")
     try:

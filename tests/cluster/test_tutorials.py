@@ -12,6 +12,7 @@ import pytest
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_lab.cluster import components
 from tests.cluster.conftest import run_rigel
+from tests.support.ros2base import push_ros2
 from tests.support.tutorials import FOLDER, RIGEL, follow, make_place
 
 from .machines import own_cluster
@@ -30,7 +31,7 @@ FIGURES = re.compile(r"^```text\nNODE .*?^```\n", re.M | re.S)
 def official(registry: str) -> None:
     """Images by the names that the pages have: nodes ask the cluster's registry first."""
     push_ros1(registry)
-    run_rigel("image", "ros2-base", "--push", f"{registry}/library/ros:jazzy")
+    push_ros2(f"{registry}/library/ros:jazzy")
 
 
 def push_ros1(registry: str) -> None:

@@ -30,26 +30,26 @@ def programs(*requested: str) -> Callable[[], object]:
 
 
 def image(*words: str) -> Callable[[], object]:
-    """Return what builds a base image."""
-    command = [sys.executable, "-m", "rigel_k8s", "image", *words]
+    """Return what builds an image."""
+    command = [sys.executable, "-m", *words]
     return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
 #: The first three are what the first tests on the cluster wait for.
 STEPS: dict[str, Callable[[], object]] = {
     "the local cluster": programs("multus", "kubectl"),
-    "the ROS 1 base image": image("ros1-base"),
-    "the ROS 2 base image": image("ros2-base"),
+    "the ROS 1 base image": image("rigel_k8s", "image", "ros1-base"),
+    "the ROS 2 base image": image("rigel_lab", "ros2-base"),
     "the observability stack": programs("observability"),
-    "the exporter's image": image("ros-exporter"),
+    "the exporter's image": image("rigel_k8s", "image", "ros-exporter"),
     "the node on RustDDS": rustdds_node,
     "a kubelet that says k3s": programs("k3s"),
     "the Prometheus operator": programs("prometheus-operator"),
 }
 #: What `--all` wants besides.
 MORE: dict[str, Callable[[], object]] = {
-    "the ROS 2 base image, kilted": image("ros2-base", "--distro", "kilted"),
-    "the image of Muto's agent": image("muto-agent"),
+    "the ROS 2 base image, kilted": image("rigel_lab", "ros2-base", "--distro", "kilted"),
+    "the image of Muto's agent": image("rigel_k8s", "image", "muto-agent"),
 }
 
 

@@ -54,19 +54,13 @@ def cluster() -> None:
     "extras",
     multiple=True,
     type=click.Choice(["kubectl", "multus", "observability", "prometheus-operator"]),
+    metavar="[kubectl|multus|observability]",
     help="Add these images to the cluster's registry, or a kubectl of the same version;"
     " repeatable, also for a running cluster.",
 )
-@click.option(
-    "--layout",
-    type=click.Choice(["plain", "k3s"]),
-    help="Lay out CNI and containerd in a new cluster like this distribution [default: plain].",
-)
-@click.option(
-    "--data-dir",
-    metavar="PATH",
-    help="Use this data directory for the k3s layout [default: /var/lib/rancher/k3s].",
-)
+# For the tests; src/rigel_lab/README.md describes them.
+@click.option("--layout", type=click.Choice(["plain", "k3s"]), hidden=True)
+@click.option("--data-dir", hidden=True)
 @click.option(
     "--mirror",
     metavar="URL",

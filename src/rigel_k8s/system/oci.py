@@ -152,18 +152,23 @@ def encode_json(value: object) -> bytes:
 
 
 def assemble(
-    config: Mapping[str, Any], layers: Sequence[Blob], *, created: int | None = None
+    config: Mapping[str, Any],
+    layers: Sequence[Blob],
+    *,
+    created: int | None = None,
+    arch: str | None = None,
 ) -> Image:
-    """Return the image of these layers for this machine's architecture.
+    """Return the image of these layers.
 
     Args:
         config: the `config` of an OCI image configuration: Entrypoint, Cmd, Env.
         layers: uncompressed, the lowest first.
         created: seconds since 1970; None: the image does not record when it was made, nor how.
+        arch: the architecture of its programs; None: that of this machine.
     """
     moment = _moment(created) if created is not None else None
     image: dict[str, Any] = {
-        "architecture": architecture(),
+        "architecture": arch or architecture(),
         "os": "linux",
         "config": dict(config),
         "rootfs": {"type": "layers", "diff_ids": [one.digest for one in layers]},
@@ -185,7 +190,13 @@ def assemble(
 
 
 def write_archive(
-    target: Path, layers: Sequence[Path], config: Mapping[str, Any], reference: str, *, created: int
+    target: Path,
+    layers: Sequence[Path],
+    config: Mapping[str, Any],
+    reference: str,
+    *,
+    created: int,
+    arch: str | None = None,
 ) -> str:
     """Write an image of uncompressed layer tars and return its id (the configuration's digest).
 
@@ -198,9 +209,10 @@ def write_archive(
         config: as in `assemble`.
         reference: the name that engines give the image when they load it.
         created: seconds since 1970.
+        arch: as in `assemble`.
     """
     parts = [blob_of(UNCOMPRESSED, path) for path in layers]
-    image = assemble(config, parts, created=created)
+    image = assemble(config, parts, created=created, arch=arch)
     partial = target.with_suffix(".partial")
     with tarfile.open(partial, "w", format=tarfile.PAX_FORMAT) as tar:
         for part in (*image.layers, image.config, image.manifest):

@@ -202,10 +202,10 @@ async def read_number(request: Request) -> int | None:
             return None
     try:
         data = json.loads(body)
-    except (ValueError, RecursionError):
+    except ValueError:
         return None
     number = data.get("revision") if isinstance(data, dict) else None
-    right = isinstance(number, int) and not isinstance(number, bool) and 0 < number < 2**31
+    right = isinstance(number, int) and not isinstance(number, bool) and number > 0
     return number if right else None
 
 
@@ -220,8 +220,7 @@ async def serve_page(socket: WebSocket, feed: Feed, logs: LogHub) -> None:
             follow(await socket.receive_text(), page, logs)
     except WebSocketDisconnect:
         pass
-    except (ValueError, RecursionError, KeyError):
-        # KeyError is Starlette's, for bytes instead of a text.
+    except (ValueError, KeyError):  # KeyError: Starlette's, for bytes instead of a text
         await socket.close(1008)
     finally:
         page.close()

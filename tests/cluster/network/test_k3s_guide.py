@@ -17,6 +17,7 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.release.types import DeployOptions
 from rigel_lab import cluster as lab
 from tests.support.recorder import Recorder
+from tests.support.ros2base import push_ros2
 
 pytestmark = pytest.mark.cluster
 
@@ -51,8 +52,7 @@ def laptop(own: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (rigelfile,) = blocks("yaml")
     (place / "Rigelfile").write_text(rigelfile)
     registry = lab.status(own.name).registry
-    words = ["image", "ros2-base", "--distro", "jazzy", "--push", f"{registry}/library/ros:jazzy"]
-    subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True, timeout=900)
+    push_ros2(f"{registry}/library/ros:jazzy")
     return place
 
 

@@ -21,6 +21,7 @@ import pytest
 import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.ros2base import push_ros2
 from tests.support.until import until
 
 from .. import machines
@@ -195,7 +196,7 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
 
     with machines.own_cluster("test-ros2", nodes=3, extras=["multus"]) as (name, registry):
         context = f"rigel-{name}"
-        rigel("image", "ros2-base", "--push", f"{registry}/ros:jazzy")
+        push_ros2(f"{registry}/ros:jazzy")
         rigel("--context", context, "network", "install")
         directory = tmp_path_factory.mktemp("own")
         with (

@@ -13,11 +13,12 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 
+from rigel_k8s import lab
 from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
-from rigel_k8s.commands import fleet, images, pods, releases
+from rigel_k8s.commands import fleet, pods, releases
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
@@ -260,10 +261,13 @@ def test_doctor(record: Any) -> None:
 
 def test_image(record: Any) -> None:
     """The name that was pushed goes to standard output, for scripts."""
-    action = record(images, "ros1_base", "host:5000/ros:noetic")
-    done = call("image", "ros1-base", "--push", "host:5000/ros:noetic", "--variant", "devel")
+    built = record(lab.ros1base, "build", "the archive")
+    delivered = record(lab, "deliver", "host:5000/ros:noetic")
+    words = ("--push", "host:5000/ros:noetic", "--variant", "devel", "--arch", "arm64")
+    done = call("image", "ros1-base", *words)
     assert done.stdout == "host:5000/ros:noetic\n"
-    assert action.kwargs == {"variant": "devel", "push": "host:5000/ros:noetic", "force": False}
+    assert built.kwargs == {"variant": "devel", "arch": "arm64", "force": False}
+    assert delivered.args[:2] == ("the archive", "host:5000/ros:noetic")
 
 
 @pytest.fixture
@@ -359,6 +363,15 @@ def test_check_tells_in_json(starter: Path) -> None:
     assert (finding["file"], finding["severity"]) == ("Rigelfile", "error")
     line = starter.read_text().splitlines()[finding["line"] - 1]
     assert line[finding["column"] - 1 :].startswith("deploy_ros: true")
+
+
+def test_check_for_rigel_0_3(starter: Path) -> None:
+    """--rigel03 adds what Rigel would not take; without it the same file is fine."""
+    starter.write_text(starter.read_text().replace("  demo:\n", "  demo:\n    description: all\n"))
+    assert CliRunner().invoke(cli, ["check"], standalone_mode=False).return_value == 0
+    done = CliRunner().invoke(cli, ["check", "--rigel03"], standalone_mode=False)
+    assert done.return_value == 2
+    assert "description" in done.stdout
 
 
 def test_schema_is_json(starter: Path) -> None:

@@ -46,6 +46,7 @@ def bootstrap(
     mtime: int,
     hooks: Sequence[str] = (),
     variant: str = MINBASE,
+    arch: str,
 ) -> None:
     """Write a Debian root file system with these packages to `target`, an uncompressed tar.
 
@@ -57,12 +58,13 @@ def bootstrap(
         mtime: seconds since 1970, the latest time that a file gets.
         hooks: options of mmdebstrap that change the root file system after its packages are in.
         variant: mmdebstrap's, MINBASE or EXTRACT.
+        arch: of the programs; another one than this machine's needs qemu-user-static.
 
     Raises:
         CommandFailed: mmdebstrap failed; carries its last lines.
     """
     ensure_mmdebstrap(report)
-    command = _command(suite, packages, target, hooks, variant)
+    command = _command(suite, packages, target, hooks, variant, arch)
 
     def show(line: str) -> None:
         if line.startswith("I: "):  # mmdebstrap's own words; the rest is apt's
@@ -102,10 +104,16 @@ def ensure_mmdebstrap(report: Reporter) -> None:
 
 
 def _command(
-    suite: str, packages: Sequence[str], target: Path, hooks: Sequence[str], variant: str
+    suite: str,
+    packages: Sequence[str],
+    target: Path,
+    hooks: Sequence[str],
+    variant: str,
+    arch: str,
 ) -> list[str]:
     return [
         "mmdebstrap",
+        f"--architectures={arch}",
         f"--variant={variant}",
         # Links /bin to /usr/bin before the first package, for usr-is-merged.
         "--hook-dir=/usr/share/mmdebstrap/hooks/merged-usr",

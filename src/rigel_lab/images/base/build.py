@@ -42,6 +42,7 @@ class Recipe:
         prepare: gets a scratch directory, fetches there what is not a Debian package, and returns
             mmdebstrap's hooks that put it in.
         variant: mmdebstrap's, as in bootstrap.
+        arch: the architecture of its programs, as images and Debian have it.
     """
 
     title: str
@@ -55,6 +56,7 @@ class Recipe:
     locked: bytes = b""
     prepare: Callable[[Path, Reporter], Sequence[str]] = prepare_nothing
     variant: str = MINBASE
+    arch: str = attrs.field(factory=oci.architecture)
 
 
 @attrs.frozen
@@ -107,11 +109,19 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
             mtime=EPOCH,
             hooks=hooks,
             variant=recipe.variant,
+            arch=recipe.arch,
         )
         own = Path(scratch) / "overlay.tar"
         own.write_bytes(recipe.overlay)
         report.progress("archive", "writing")
-        oci.write_archive(target, [debian, own], recipe.config, recipe.reference, created=EPOCH)
+        oci.write_archive(
+            target,
+            [debian, own],
+            recipe.config,
+            recipe.reference,
+            created=EPOCH,
+            arch=recipe.arch,
+        )
         report.progress("archive", "done", done=True)
     size = target.stat().st_size / 1e6
     report.line(f"built {target} ({size:.0f} MB) in {time.monotonic() - started:.0f} s")
@@ -119,7 +129,7 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
 
 def _key(recipe: Recipe) -> str:
     """The parts of the archive, as a short digest: another recipe is another file."""
-    lines = [oci.FORMAT, oci.architecture(), recipe.suite, *recipe.packages]
+    lines = [oci.FORMAT, recipe.arch, recipe.suite, *recipe.packages]
     lines.append(json.dumps(recipe.config))
     if recipe.variant != MINBASE:
         lines += [recipe.variant, RECORD]

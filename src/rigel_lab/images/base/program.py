@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s import __version__
 from rigel_k8s.report import Reporter
-from rigel_k8s.system.oci import Entry, layer
+from rigel_k8s.system.oci import Entry, architecture, layer
 from rigel_lab.images.base.bootstrap import EXTRACT
 from rigel_lab.images.base.build import EPOCH, Recipe, prepare_nothing
 
@@ -79,6 +79,7 @@ class ProgramImage:
         self,
         entries: Iterable[Entry],
         *,
+        arch: str | None = None,
         locked: bytes = b"",
         prepare: Callable[[Path, Reporter], Sequence[str]] = prepare_nothing,
     ) -> Recipe:
@@ -86,6 +87,7 @@ class ProgramImage:
 
         Args:
             entries: the program's files, and those of ETC.
+            arch: as a Recipe has it; None: that of this machine.
             locked, prepare: as a Recipe has them.
         """
         return Recipe(
@@ -100,4 +102,5 @@ class ProgramImage:
             locked=locked,
             prepare=prepare,
             variant=EXTRACT,
+            arch=arch or architecture(),
         )

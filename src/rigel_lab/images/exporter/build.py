@@ -17,15 +17,16 @@ IMAGE = ProgramImage(
 REFERENCE, UPSTREAM = IMAGE.reference, IMAGE.upstream
 
 
-def build(report: Reporter, *, force: bool = False) -> BaseImage:
+def build(report: Reporter, *, arch: str | None = None, force: bool = False) -> BaseImage:
     """Return the image's archive; build it if the cache does not have it.
 
     Args:
         report: shows the progress.
+        arch: the architecture of its programs (`arm64`); None: that of this machine.
         force: build again, to get Debian's latest security updates.
 
     Raises:
         RigelK8sError: mmdebstrap is missing and cannot be installed here.
         CommandFailed: mmdebstrap failed.
     """
-    return build_recipe(IMAGE.make_recipe(entries()), report, force=force)
+    return build_recipe(IMAGE.make_recipe(entries(), arch=arch), report, force=force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from rigel_k8s.report import Reporter
@@ -33,11 +34,12 @@ IMAGE = ProgramImage(
 REFERENCE, UPSTREAM = IMAGE.reference, IMAGE.upstream
 
 
-def build(report: Reporter, *, force: bool = False) -> BaseImage:
+def build(report: Reporter, *, arch: str | None = None, force: bool = False) -> BaseImage:
     """Return the image's archive; build it if the cache does not have it.
 
     Args:
         report: shows the progress.
+        arch: the architecture of its programs (`arm64`); None: that of this machine.
         force: build again, to get Debian's latest security updates.
 
     Raises:
@@ -45,13 +47,14 @@ def build(report: Reporter, *, force: bool = False) -> BaseImage:
         CommandFailed: mmdebstrap or pip failed.
     """
     locked = read_lock().encode()
-    recipe = IMAGE.make_recipe(list_package(), locked=locked, prepare=_prepare)
+    arch = arch or architecture()
+    prepare = partial(_prepare, MACHINES[arch])
+    recipe = IMAGE.make_recipe(list_package(), arch=arch, locked=locked, prepare=prepare)
     return build_recipe(recipe, report, force=force)
 
 
-def _prepare(scratch: Path, report: Reporter) -> Sequence[str]:
+def _prepare(machine: str, scratch: Path, report: Reporter) -> Sequence[str]:
     """Return mmdebstrap's hooks that put the wheels in, and the authorities."""
-    machine = MACHINES[architecture()]
     platforms = [f"{kind}_{machine}" for kind in ("manylinux2014", "manylinux_2_28")]
     fetched = wheels.fetch(
         read_lock(),

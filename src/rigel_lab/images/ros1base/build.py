@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.oci import architecture
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.ros1base import overlay
 from rigel_lab.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, Variant
 
 
-def build(report: Reporter, *, variant: Variant = "core", force: bool = False) -> BaseImage:
+def build(
+    report: Reporter,
+    *,
+    variant: Variant = "core",
+    arch: str | None = None,
+    force: bool = False,
+) -> BaseImage:
     """Return the base image's archive; build it if the cache does not have it.
 
     Args:
         report: shows the progress.
         variant: `core` runs ROS 1 nodes, `devel` also compiles C++ workspaces.
+        arch: the architecture of its programs (`arm64`); None: that of this machine.
         force: build again, to get Debian's latest security updates.
 
     Raises:
@@ -30,5 +38,6 @@ def build(report: Reporter, *, variant: Variant = "core", force: bool = False) -
         packages=PACKAGES[variant],
         config=overlay.CONFIG,
         overlay=overlay.layer(variant, mtime=EPOCH),
+        arch=arch or architecture(),
     )
     return build_recipe(recipe, report, force=force)

@@ -18,6 +18,7 @@ import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
 
+from ....support.ros2base import push_ros2
 from ....support.rust import Missing, rustdds_node
 from ..conftest import projects
 
@@ -82,8 +83,7 @@ def interop_image(registry: str, ros2_image: str, tmp_path_factory: pytest.TempP
 def kilted_image(registry: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The same on kilted, whose Fast DDS is 3."""
     base = f"{registry}/ros:kilted"
-    words = ["image", "ros2-base", "--distro", "kilted", "--push", base]
-    subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True, timeout=900)
+    push_ros2(base, "kilted")
     return build(registry, base, tmp_path_factory.mktemp("interop") / "kilted", "kilted")
 
 

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import http.client
 import json
-import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
-from urllib.parse import urlsplit
 
 import attrs
-import websocket
 
 from rigel_k8s.commands.logs.lines import LogLine
+from rigel_k8s.ui.boxes import describe
 from rigel_k8s.ui.changes import Changes, Rollback
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.logs import LogHub, Read
 from rigel_k8s.ui.nodes import STATES
-from rigel_k8s.ui.serving import bind, require_extra
+from rigel_k8s.ui.server import PageServer
 
 TOKEN = "a-token-of-the-tests"
 
@@ -67,26 +65,30 @@ class Served:
         connection.close()
         return found
 
-    def connect(self, path: str = f"/{TOKEN}/live", origin: str | None = "", host: str = "") -> Any:
-        """Open a page's connection; an origin of None is not sent."""
-        opened = socket.create_connection(("127.0.0.1", self.port), timeout=20)
-        try:
-            return websocket.create_connection(
-                f"ws://{self.host}{path}",
-                timeout=20,
-                socket=opened,
-                origin=origin or f"http://{self.host}",
-                suppress_origin=origin is None,
-                host=host or self.host,
-            )
-        except BaseException:
-            opened.close()
-            raise
+    def connect(self, words: str = "") -> Stream:
+        """Open a page's stream, `words` behind its path."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection.request("GET", f"/{TOKEN}/live{words}", headers={"Host": self.host})
+        return Stream(connection, connection.getresponse())
 
 
-def receive(socket: Any) -> Any:
-    """Return a page's next message."""
-    return json.loads(socket.recv())
+@attrs.frozen
+class Stream:
+    """A page's stream of messages."""
+
+    connection: http.client.HTTPConnection
+    answer: http.client.HTTPResponse
+
+    def receive(self) -> Any:
+        """Return the next message."""
+        while line := self.answer.readline():
+            if line.startswith(b"data: "):
+                return json.loads(line[6:])
+        raise EOFError
+
+    def close(self) -> None:
+        self.answer.close()
+        self.connection.close()
 
 
 def read_nothing(node: str, cancel: threading.Event) -> Iterator[LogLine]:
@@ -102,20 +104,18 @@ def serve_page(
     """Run a server."""
     feed, logs = Feed(), LogHub(read)
     changes = None if rollback is None else Changes(feed, rollback)
-    with bind(port) as listening:
-        server, tickets = require_extra()(feed, logs, TOKEN, changes)
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        try:
-            yield Served(feed, logs, urlsplit(f"//x:{listening.getsockname()[1]}").port or 0,
-                         tickets, changes)  # fmt: skip
-        finally:
-            logs.close()
-            if changes:
-                changes.close()
-            server.should_exit = True
-            thread.join(60)
-            assert not thread.is_alive()
+    server = PageServer(port, feed, logs, TOKEN, changes)
+    thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+    thread.start()
+    try:
+        yield Served(feed, logs, server.port, server.tickets, changes)
+    finally:
+        logs.close()
+        if changes:
+            changes.close()
+        server.close()
+        thread.join(60)
+        assert not thread.is_alive()
 
 
 def node(
@@ -189,7 +189,10 @@ def fill(
         for n in nodes
     ]
     feed.publish("box", {f"box/{box['name']}": box for box in boxes})
-    feed.publish("topic", {f"topic/{one['name']}": one for one in topics})
+    shown = {f"topic/{one['name']}": one for one in topics}
+    feed.publish("topic", shown)
+    text = describe({box["name"]: box for box in boxes}, shown)
+    feed.publish("dot", {"dot": {"text": text}})
     counts = {state: sum(n["state"] == state for n in nodes) for state in STATES}
     whole = {"revision": 2, "status": "good", "changing": "", "counts": counts}
     ready = counts["ready"]

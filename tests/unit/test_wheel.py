@@ -33,8 +33,8 @@ DATA = (
     "rigel_k8s/network/interface.sh",
     "rigel_k8s/ui/page/index.html",
     "rigel_k8s/ui/page/app.js",
-    "rigel_k8s/ui/page/lib/dagre.js",  # from npm
-    "rigel_k8s/ui/page/lib/dagre.LICENSE",
+    "rigel_k8s/ui/page/lib/viz.js",
+    "rigel_k8s/ui/page/lib/NOTICE",
     "rigel_k8s/py.typed",
 )
 READS = """

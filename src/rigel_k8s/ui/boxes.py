@@ -7,13 +7,17 @@ what broke.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Box, Picture
-from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.rosgraph.drawing.dot import write_dot
+from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Box, Picture, make_picture
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 Entries = dict[str, Any]
+
+#: What has room in each box and topic: the words of a state, and any rate.
+WORDS, RATE = "machine unreachable", 9999.0
 
 
 def make_boxes(
@@ -93,3 +97,22 @@ def keep_lost(old: Entries, new: Entries, away: Collection[str]) -> Entries:
                     kept[end] = sorted([*kept[end], name])
                     kept["lost"] = sorted({*kept["lost"], name})
     return made
+
+
+def describe(boxes: Entries, topics: Entries) -> str:
+    """Return the DOT of boxes and topics: as `rigel graph` writes it, without what changes often.
+
+    So a page lays its graph out again only if nodes, machines or connections are others.
+    """
+    names = {box["name"] for box in boxes.values()}
+
+    def keep(ends: Iterable[str]) -> tuple[str, ...]:
+        return tuple(name for name in ends if name in names)
+
+    nodes = [GraphNode(box["name"], box["machine"], WORDS) for _, box in sorted(boxes.items())]
+    shown = [
+        GraphTopic(topic["name"], "", keep(topic["from"]), keep(topic["to"]), rate=RATE)
+        for _, topic in sorted(topics.items())
+        if keep((*topic["from"], *topic["to"]))
+    ]
+    return write_dot(make_picture(RosGraph(tuple(nodes), tuple(shown)), everything=True))

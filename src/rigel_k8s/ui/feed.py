@@ -1,18 +1,18 @@
 """What all pages show, and what has changed since: one text for all of them.
 
-Threads publish; pages subscribe in the server's event loop. A page that cannot keep up gets
-everything again instead of what it has missed.
+Any thread publishes; each open page has a thread of the server that sends it texts. A page that
+cannot keep up gets everything again instead of what it has missed.
 """
 
 from __future__ import annotations
 
-import asyncio
 import json
+import queue
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-BEHIND = 64  # messages that a page may be behind
+BEHIND = 64  # texts that a page may be behind
 
 Entries = dict[str, Any]
 
@@ -55,11 +55,13 @@ class Feed:
         """Whether a page is open."""
         return bool(self._pages)
 
-    def subscribe(self, page: Page) -> None:
-        """Send a page everything, and from now on what changes."""
+    def subscribe(self) -> Page:
+        """Return a page that gets everything, and from now on what changes."""
+        page = Page(self.write_all)
         with self._lock:
             page.send(self._write_all())
             self._pages.add(page)
+        return page
 
     def unsubscribe(self, page: Page) -> None:
         """Send a page nothing more."""
@@ -76,37 +78,26 @@ class Feed:
 
 
 class Page:
-    """One open page: what is to be sent to it, in the server's event loop."""
+    """One open page: the texts that are to be sent to it."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, everything: Callable[[], str]) -> None:
-        self._loop = loop
+    def __init__(self, everything: Callable[[], str]) -> None:
         self._everything = everything
-        self._queue: asyncio.Queue[str | None] = asyncio.Queue()
+        self._queue: queue.Queue[str] = queue.Queue(BEHIND)
         self._behind = False
 
     def send(self, text: str) -> None:
-        """Send a text, from any thread."""
-        self._call(text)
-
-    def close(self) -> None:
-        """End the page's connection, from any thread."""
-        self._call(None)
-
-    def _call(self, text: str | None) -> None:
+        """Send a text, without waiting for the page."""
         try:
-            self._loop.call_soon_threadsafe(self._put, text)
-        except RuntimeError:  # the loop is closed: the server has ended
-            return
-
-    def _put(self, text: str | None) -> None:
-        if text is not None and self._queue.qsize() >= BEHIND:
+            self._queue.put_nowait(text)
+        except queue.Full:
             self._behind = True
-            return
-        self._queue.put_nowait(text)
 
-    async def next(self) -> str | None:
-        """Return the next text to send; None at the end."""
+    def next(self, timeout: float) -> str | None:
+        """Return the next text; None if there is none within some seconds."""
         if self._behind and self._queue.empty():
             self._behind = False
             return self._everything()
-        return await self._queue.get()
+        try:
+            return self._queue.get(timeout=timeout)
+        except queue.Empty:
+            return None

@@ -26,7 +26,9 @@ from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
 from rigel_k8s.release.status import KINDS, ReleaseStatus, describe_release
-from rigel_k8s.ui.boxes import keep_lost, make_boxes, make_topics
+from rigel_k8s.rosgraph.drawing.picture import Picture
+from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.history import History
 from rigel_k8s.ui.nodes import READY, STOPPED, node_entry, release_entry
@@ -211,7 +213,7 @@ class Live:
         if found is None:
             self._nodes = {}
             self.feed.publish("release", {"release": {"absent": True}})
-            for group in ("node", "box", "topic", "revision", "problems"):
+            for group in ("node", "box", "topic", "dot", "revision", "problems"):
                 self.feed.publish(group, {})
             return
         changing = self._find_holder(view, now)
@@ -289,9 +291,14 @@ class Live:
         read = self._graph.found
         graph = read.graph if read else None
         picture = picture_of(read) if read else None
-        self.feed.publish("box", make_boxes(self._nodes, graph, picture))
-        if graph is None or picture is None:
-            return
+        boxes = make_boxes(self._nodes, graph, picture)
+        self.feed.publish("box", boxes)
+        if graph is not None and picture is not None:
+            self._draw_topics(graph, picture)
+        text = describe(boxes, self.feed.list_group("topic"))
+        self.feed.publish("dot", {"dot": {"text": text}})
+
+    def _draw_topics(self, graph: RosGraph, picture: Picture) -> None:
         present = {
             name for topic in graph.topics for name in (*topic.publishers, *topic.subscribers)
         }

@@ -12,6 +12,7 @@ from typing import Any
 from rigel_k8s.objects.facts import find_condition, is_ending, is_ready
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.rollout.causes import containers, explain_exit
@@ -48,7 +49,7 @@ def node_entry(
         "name": workload.annotations.get(ROS_NAME_ANNOTATION) or workload.name,
         "workload": workload.name,
         "kind": workload.kind,
-        "helper": workload.name == EXPORTER,
+        "helper": workload.name in (EXPORTER, MASTER_NAME),
         "state": state,
         "cause": "; ".join(causes),
         "brief": " ".join(causes[1:2] or causes[:1]),

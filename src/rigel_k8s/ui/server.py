@@ -1,4 +1,4 @@
-"""The web application: which requests it answers, and which browser may send them.
+"""The server of the page: which requests it answers, and which browser may send them.
 
 It serves one user of this machine, who has the token. It checks four things. Each of them is
 enough against a page of another site in the same browser; the first one also keeps out other users
@@ -6,61 +6,64 @@ of the machine:
 
 - the token, the first part of every path, compared in constant time;
 - the name in `Host`, which must be one of the loopback's (so DNS rebinding does not work);
-- the `Origin` of every request except a plain GET, which must be the page's own;
+- the `Origin` of every request that has one or that writes, which must be the page's own;
 - the Content-Security-Policy, which lets the page load and run only its own files.
 
-Without `changes` there is no path that writes.
+Without `changes` there is no path that writes. Each request has a thread and a connection of its
+own; a browser that neither sends nor reads loses it after some seconds. Nothing is logged.
 """
 
 from __future__ import annotations
 
-import asyncio
 import hmac
 import json
 import mimetypes
 import secrets
+import select
+import socket
+import sys
 import threading
 import time
 from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
+from socketserver import ThreadingTCPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
-from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+import attrs
 
 from rigel_k8s.ui.changes import Changes
-from rigel_k8s.ui.feed import Feed, Page
+from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.logs import LogHub
 
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
+ADDRESS = "127.0.0.1"
 FILES = Path(__file__).parent / "page"
-#: What draws graphs; it comes from npm (tools/npm.py).
-LIBRARY = FILES / "lib" / "dagre.js"
 #: The names by which a browser of this machine reaches it.
 HOSTS = frozenset({"127.0.0.1", "localhost", "[::1]"})
-#: A page has its own scripts, styles and pictures, and a connection to its own server.
+#: A page has its own scripts (one of them Graphviz as WebAssembly), styles and pictures, and
+#: connections to its own server.
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self';"
-    " base-uri 'none'; form-action 'none'; frame-ancestors 'none';"
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self';"
+    " connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none';"
     " require-trusted-types-for 'script'; trusted-types 'none'"
 )
-HEADERS = (
-    (b"content-security-policy", POLICY.encode()),
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-opener-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"cache-control", b"no-store"),
-)
-LONGEST = 1024  # bytes of a request's body, and of a message of a page
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+LONGEST = 1024  # bytes of a request's body
+LARGEST = 10**9  # of a revision's number
+PATIENCE = 10.0  # seconds in which a browser must have sent its request, or read what it gets
+LOOK = 1.0  # seconds after which a page without news is looked at: it may have gone
 TICKET = 60.0  # seconds in which the browser that we open must come
+REFRESH = 5  # seconds after which a page in the background gets everything again
 DENIED = "Open the address that `rigel ui` has printed: it contains a token.\n"
+TEXT, JSON = "text/plain; charset=utf-8", "application/json"
 
 
 class Tickets:
@@ -84,58 +87,201 @@ class Tickets:
             return any(self._known.pop(known) > time.monotonic() for known in match)
 
 
-class Guard:
-    """Lets through only what the user's own page asks; all answers get the headers."""
-
-    def __init__(self, app: ASGIApp, token: str, tickets: Tickets) -> None:
-        self._app, self._token, self._tickets = app, token, tickets
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
-        if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
-            return
-
-        async def send_guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message = {**message, "headers": [*message["headers"], *HEADERS]}
-            await send(message)
-
-        refused = self._refuse(scope)
-        if refused is None:
-            _, _, rest = scope["path"].lstrip("/").partition("/")
-            inner = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode()}
-            await self._app(inner, receive, send_guarded)
-        elif scope["type"] == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": 1008})
-        else:
-            await refused(scope, receive, send_guarded)
-
-    def _refuse(self, scope: Scope) -> Response | None:
-        """Return the answer to a request that may not pass, None for one that may."""
-        headers = {
-            name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]
-        }
-        host = headers.get("host", "")
-        if find_name(host) not in HOSTS:
-            return PlainTextResponse("This server answers to 127.0.0.1 only.\n", 421)
-        plain = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
-        if not plain and headers.get("origin") != f"http://{host}":
-            return PlainTextResponse("A page of another site may not ask this.\n", 403)
-        first, _, rest = scope["path"].lstrip("/").partition("/")
-        if plain and first == "open" and self._tickets.take(rest):
-            return RedirectResponse(f"/{self._token}/", 303)
-        if not same(first, self._token):
-            return PlainTextResponse(DENIED, 403)
-        if not scope["path"].startswith(f"/{first}/"):
-            return RedirectResponse(f"/{first}/", 303)
-        return None
-
-
 def same(one: str, other: str) -> bool:
     """Whether two secrets are the same, in a time that does not depend on where they differ."""
     return hmac.compare_digest(one.encode(), other.encode())
+
+
+@attrs.frozen
+class Answer:
+    """An answer with its body."""
+
+    status: int
+    body: bytes
+    kind: str = TEXT
+    headers: Mapping[str, str] = {}
+
+
+def say(status: int, text: str) -> Answer:
+    """Return an answer that is a line for a person."""
+    return Answer(status, f"{text}\n".encode())
+
+
+def lead_to(path: str) -> Answer:
+    """Return an answer that leads a browser elsewhere on this server."""
+    return Answer(303, b"", headers={"Location": path})
+
+
+class PageServer(ThreadingTCPServer):
+    """Serves one release's page at the loopback.
+
+    Args:
+        port: 0 is any that is free.
+        changes: carries out what a page asks for; None: no such path exists.
+
+    Raises:
+        OSError: the port is taken.
+    """
+
+    allow_reuse_address = True
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = 128
+
+    def __init__(
+        self, port: int, feed: Feed, logs: LogHub, token: str, changes: Changes | None
+    ) -> None:
+        super().__init__((ADDRESS, port), Handler)
+        self.feed, self.logs, self.token, self.changes = feed, logs, token, changes
+        self.tickets = Tickets()
+        self.texts = read_files()
+        self.over = threading.Event()
+
+    @property
+    def port(self) -> int:
+        """The port at which it listens."""
+        return int(self.server_address[1])
+
+    def close(self) -> None:
+        """End the server and its pages."""
+        self.over.set()
+        self.shutdown()
+        self.server_close()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print an error of ours; a browser that has gone is none."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers one request."""
+
+    server: PageServer
+    timeout = PATIENCE
+
+    def do_GET(self) -> None:
+        """Answer a request that reads."""
+        refused = self._refuse()
+        if refused:
+            return self._send(refused)
+        parts = urlsplit(self.path)
+        name = parts.path.removeprefix(f"/{self.server.token}/")
+        if name == "live" and self.command == "GET":
+            return self._stream(parse_qs(parts.query))
+        body = self.server.texts.get(name or "index.html")
+        if body is None:
+            return self._send(say(404, "There is no such file."))
+        kind = mimetypes.guess_type(name or "index.html")[0] or "application/octet-stream"
+        self._send(Answer(200, body, f"{kind}; charset=utf-8" if "text" in kind else kind))
+
+    do_HEAD = do_GET
+
+    def do_POST(self) -> None:
+        """Answer a request that writes."""
+        changes = self.server.changes
+        refused = self._refuse()
+        if refused:
+            return self._send(refused)
+        if changes is None or urlsplit(self.path).path != f"/{self.server.token}/rollback":
+            return self._send(say(405, "Nothing can be written here."))
+        number = self._read_number()
+        if number is None:
+            self._reply(400, 'the body must be {"revision": NUMBER}')
+        elif not changes.start(number):
+            self._reply(409, "another rollback is still running")
+        else:
+            self._reply(202, "")
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Answer a request that is not HTTP, or of a method that no path has."""
+        self._send(say(405 if code == 501 else code, "This request is not valid here."))
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Log nothing: a log would contain the token."""
+
+    def _refuse(self) -> Answer | None:
+        """Return the answer to a request that may not pass, None for one that may."""
+        hosts = self.headers.get_all("Host", [])
+        if len(hosts) != 1 or find_name(hosts[0]) not in HOSTS:
+            return say(421, "This server answers to 127.0.0.1 only.")
+        plain = self.command in ("GET", "HEAD")
+        own = f"http://{hosts[0]}"
+        if self.headers.get("Origin", own if plain else "") != own:
+            return say(403, "A page of another site may not ask this.")
+        first, slash, rest = urlsplit(self.path).path.removeprefix("/").partition("/")
+        if plain and first == "open" and self.server.tickets.take(rest):
+            return lead_to(f"/{self.server.token}/")
+        if not same(first, self.server.token):
+            return Answer(403, DENIED.encode())
+        return None if slash else lead_to(f"/{first}/")
+
+    def _reply(self, status: int, message: str) -> None:
+        self._send(Answer(status, json.dumps({"message": message}).encode(), JSON))
+
+    def _send(self, answer: Answer) -> None:
+        headers = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
+        self._begin(answer.status, {**headers, **answer.headers})
+        if self.command != "HEAD":
+            self.wfile.write(answer.body)
+
+    def _begin(self, status: int, headers: Mapping[str, str]) -> None:
+        self.close_connection = True
+        self.send_response_only(status)
+        for name, value in {**headers, "Connection": "close", **HEADERS}.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _read_number(self) -> int | None:
+        """Return the revision that a request names, None if its body is invalid."""
+        length = self.headers.get("Content-Length", "")
+        if self.headers.get("Content-Type") != JSON or not length.isdecimal():
+            return None
+        if len(length) > 4 or int(length) > LONGEST:
+            return None
+        try:
+            data = json.loads(self.rfile.read(int(length)))
+        except (ValueError, RecursionError):
+            return None
+        number = data.get("revision") if isinstance(data, dict) else None
+        if not isinstance(number, int) or isinstance(number, bool):
+            return None
+        return number if 0 < number < LARGEST else None
+
+    def _stream(self, words: Mapping[str, list[str]]) -> None:
+        """Send a page everything and then changes, as server-sent events, until it is closed.
+
+        Args:
+            words: `follow`, the node whose log it gets; `behind`, if it is in the background: it
+                gets everything once, and comes back.
+        """
+        self._begin(200, {"Content-Type": "text/event-stream"})
+        if "behind" in words:
+            self._write(self.server.feed.write_all(), f"retry: {REFRESH * 1000}\n")
+            return
+        page = self.server.feed.subscribe()
+        try:
+            for node in words.get("follow", [])[:1]:
+                self.server.logs.follow(node, page)
+            while not self.server.over.is_set():
+                text = page.next(LOOK)
+                if text is not None:
+                    self._write(text, "retry: 1000\n")
+                elif self._has_gone():
+                    return
+        finally:
+            self.server.feed.unsubscribe(page)
+            self.server.logs.leave(page)
+
+    def _write(self, text: str, words: str) -> None:
+        self.wfile.write(f"{words}data: {text}\n\n".encode())
+
+    def _has_gone(self) -> bool:
+        """Whether the page has closed its connection; it sends nothing more after its request."""
+        if not select.select([self.connection], [], [], 0)[0]:
+            return False
+        rest: bytes = self.connection.recv(1, socket.MSG_PEEK)
+        return not rest
 
 
 def find_name(host: str) -> str:
@@ -149,107 +295,6 @@ def find_name(host: str) -> str:
         return ""
     name = parts.hostname or ""
     return f"[{name}]" if ":" in name else name
-
-
-def make_app(
-    feed: Feed, logs: LogHub, token: str, tickets: Tickets, changes: Changes | None
-) -> ASGIApp:
-    """Return the application.
-
-    Args:
-        changes: carries out what a page asks for; None: no such path exists.
-    """
-    texts = read_files()
-
-    async def show(request: Request) -> Response:
-        name = request.path_params.get("name") or "index.html"
-        if name not in texts:
-            return PlainTextResponse("There is no such file.\n", 404)
-        kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
-        return Response(texts[name], media_type=kind)
-
-    async def live(socket: WebSocket) -> None:
-        await serve_page(socket, feed, logs)
-
-    routes = [Route("/", show), WebSocketRoute("/live", live), Route("/{name:path}", show)]
-    if changes is not None:
-        routes.insert(0, Route("/rollback", make_rollback(changes), methods=["POST"]))
-    return Guard(Starlette(routes=routes), token, tickets)
-
-
-def make_rollback(changes: Changes) -> Any:
-    """Return what answers the request for a rollback."""
-
-    async def roll_back(request: Request) -> Response:
-        number = await read_number(request)
-        if number is None:
-            return JSONResponse({"message": 'the body must be {"revision": NUMBER}'}, 400)
-        if not changes.start(number):
-            return JSONResponse({"message": "another rollback is still running"}, 409)
-        return JSONResponse({}, 202)
-
-    return roll_back
-
-
-async def read_number(request: Request) -> int | None:
-    """Return the revision that a request names, None if its body is invalid."""
-    if request.headers.get("content-type") != "application/json":
-        return None
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > LONGEST:
-            return None
-    try:
-        data = json.loads(body)
-    except ValueError:
-        return None
-    number = data.get("revision") if isinstance(data, dict) else None
-    right = isinstance(number, int) and not isinstance(number, bool) and number > 0
-    return number if right else None
-
-
-async def serve_page(socket: WebSocket, feed: Feed, logs: LogHub) -> None:
-    """Send a page what changes until it is closed; the page sends which node's log it shows."""
-    await socket.accept()
-    page = Page(asyncio.get_running_loop(), feed.write_all)
-    feed.subscribe(page)
-    writer = asyncio.create_task(write(socket, page))
-    try:
-        while True:
-            follow(await socket.receive_text(), page, logs)
-    except WebSocketDisconnect:
-        pass
-    except (ValueError, KeyError):  # KeyError: Starlette's, for bytes instead of a text
-        await socket.close(1008)
-    finally:
-        page.close()
-        await writer
-        feed.unsubscribe(page)
-        logs.leave(page)
-
-
-async def write(socket: WebSocket, page: Page) -> None:
-    """Send a page its texts until it is closed."""
-    while (text := await page.next()) is not None:
-        try:
-            await socket.send_text(text)
-        except (WebSocketDisconnect, RuntimeError):  # it was closed from the other side
-            return
-
-
-def follow(text: str, page: Page, logs: LogHub) -> None:
-    """Follow the log that a page requests by `{"follow": NODE}`; null for none.
-
-    Raises:
-        ValueError: the message is not of that form.
-    """
-    said = json.loads(text) if len(text) <= LONGEST else None
-    if not isinstance(said, dict) or said.keys() != {"follow"}:
-        raise ValueError('the message must be {"follow": NODE}')
-    logs.leave(page)
-    if isinstance(said["follow"], str) and said["follow"]:
-        logs.follow(said["follow"], page)
 
 
 def read_files() -> Mapping[str, bytes]:

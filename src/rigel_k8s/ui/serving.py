@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 import secrets
-import socket
 import threading
 import time
 import webbrowser
 from collections.abc import Callable
-from typing import Any
 
 import attrs
 
 from rigel_k8s.commands import releases
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.targets import Release, release
-from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
 from rigel_k8s.release.types import Revision
 from rigel_k8s.report import Reporter
@@ -25,10 +23,7 @@ from rigel_k8s.ui.changes import Changes, Rollback
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.live import Live
 from rigel_k8s.ui.logs import LogHub, read_log
-
-ADDRESS = "127.0.0.1"
-GRACE = 2  # seconds that open connections have at the end
-INSTALL = "pip install 'rigel-k8s[ui]'"
+from rigel_k8s.ui.server import ADDRESS, PageServer
 
 
 @attrs.frozen
@@ -55,9 +50,8 @@ def serve(
         report: takes lines for the terminal; the first one has the address.
 
     Raises:
-        UserError: a part of the extra `ui` is missing, or the port is taken.
+        UserError: the port is taken.
     """
-    server_type = require_extra()
     found = release(settings, job)
     feed = Feed()
     logs = LogHub(read_log(found))
@@ -66,28 +60,23 @@ def serve(
         changes = Changes(feed, make_rollback(found, settings))
     feed.publish("server", {"server": {"changes": options.allow_changes}})
     live = Live(found, feed, report)
-    with found.cluster, bind(options.port) as listening, interruptible() as cancel:
-        token, port = secrets.token_urlsafe(24), listening.getsockname()[1]
-        server, tickets = server_type(feed, logs, token, changes)
-        thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
-        thread.start()
-        report(f"http://{ADDRESS}:{port}/{token}/")
+    server = listen(options.port, feed, logs, changes)
+    with found.cluster, interruptible() as cancel:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        report(f"http://{ADDRESS}:{server.port}/{server.token}/")
         live.start()
         if options.browser and has_display():
-            open_browser(f"http://{ADDRESS}:{port}/open/{tickets.issue()}", report)
+            open_browser(f"http://{ADDRESS}:{server.port}/open/{server.tickets.issue()}", report)
         try:
-            while not cancel.wait(1.0) and thread.is_alive():
+            while not cancel.wait(1.0):
                 pass
-            if not cancel.is_set():
-                raise RigelK8sError("the server of the page has ended: see the lines above")
         finally:
             live.close()
             logs.close()
             if changes is not None and changes.running:
                 report("interrupting the rollback")
                 changes.close()
-            server.should_exit = True
-            thread.join(GRACE + 1)
+            server.close()
 
 
 def make_rollback(found: Release, settings: Settings) -> Rollback:
@@ -100,63 +89,18 @@ def make_rollback(found: Release, settings: Settings) -> Rollback:
     return call
 
 
-def require_extra() -> Callable[..., Any]:
-    """Return what makes a server.
-
-    Raises:
-        UserError: a part of the extra is not installed.
-    """
-    try:
-        import uvicorn
-        import websockets  # noqa: F401 - uvicorn imports it at the first page
-
-        from rigel_k8s.ui.server import LIBRARY, Tickets, make_app
-    except ImportError as error:
-        raise UserError(
-            f"`rigel ui` needs {error.name or 'packages'}, which is not installed", hint=INSTALL
-        ) from error
-    if not LIBRARY.is_file():
-        raise UserError(
-            "this installation of rigel-k8s was built without the library that draws graphs",
-            hint="in a checkout: `python tools/npm.py`; else install a released wheel",
-        )
-
-    def make(feed: Feed, logs: LogHub, token: str, changes: Changes | None) -> tuple[Any, Any]:
-        tickets = Tickets()
-        config = uvicorn.Config(
-            make_app(feed, logs, token, tickets, changes),
-            access_log=False,  # it would have the token
-            log_level="error",
-            server_header=False,
-            date_header=False,
-            lifespan="off",
-            ws="websockets-sansio",
-            ws_max_size=4096,
-            ws_per_message_deflate=False,
-            timeout_graceful_shutdown=GRACE,
-        )
-        return uvicorn.Server(config), tickets
-
-    return make
-
-
-def bind(port: int) -> socket.socket:
-    """Return a listening socket of the loopback.
+def listen(port: int, feed: Feed, logs: LogHub, changes: Changes | None) -> PageServer:
+    """Return a server with a new token.
 
     Raises:
         UserError: the port is taken.
     """
-    made = socket.socket()
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        made.bind((ADDRESS, port))
+        return PageServer(port, feed, logs, secrets.token_urlsafe(24), changes)
     except OSError as error:
-        made.close()
         raise UserError(
             f"cannot listen on {ADDRESS}:{port}: {error.strerror}", hint="choose another --port"
         ) from error
-    made.listen(128)
-    return made
 
 
 def has_display() -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 from rigel_k8s.rosgraph.drawing.picture import make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-from rigel_k8s.ui.boxes import keep_lost, make_boxes, make_topics
+from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
 from tests.support.page import node
 
 TALKER = GraphNode("/talker", "robot", "talker-1", "talker")
@@ -86,3 +86,17 @@ def test_a_node_that_is_away_keeps_its_topics() -> None:
         assert keep_lost(during, before, set()) == before
         gone = keep_lost(during, make_topics(left, draw(left)), set())
         assert "/talker" not in gone.get("topic//chatter", {"from": []})["from"]
+
+
+def test_the_dot_is_that_of_the_graph_and_does_not_change_with_states() -> None:
+    """A page lays its graph out again only if nodes, machines or connections are others."""
+    graph = RosGraph((TALKER, LISTENER), (CHATTER,))
+    topics = make_topics(graph, draw(graph))
+    calm = describe(boxes([node("/talker"), node("/listener", machine="edge")], graph), topics)
+    assert 'subgraph cluster_1 {\n    label="robot"' in calm
+    assert '"node /talker" -> "topic /chatter"' in calm
+    assert '"topic /chatter" -> "node /listener"' in calm
+    nodes = [node("/talker", "crashed", cause="no device"), node("/listener", machine="edge")]
+    slower = {key: {**topic, "rate": "1.0/s", "bad": True} for key, topic in topics.items()}
+    assert describe(boxes(nodes, graph), slower) == calm
+    assert describe(boxes(nodes[1:], RosGraph((LISTENER,))), topics) != calm

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import queue
 import threading
@@ -51,8 +50,7 @@ class Reader(Page):
     """A page that keeps what it gets."""
 
     def __init__(self) -> None:
-        super().__init__(asyncio.new_event_loop(), str)
-        self._loop.close()
+        super().__init__(str)
         self.got: list[Any] = []
 
     def send(self, text: str) -> None:

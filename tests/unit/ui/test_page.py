@@ -153,6 +153,102 @@ def test_the_whole_graph_is_in_its_frame(tab: Tab) -> None:
     assert outside == 0
 
 
+#: For each edge: its ends, and what it runs behind, by points of its path on the screen.
+CROSSINGS = """[...document.querySelectorAll('.edge')].flatMap((edge) => {
+  const matrix = edge.getScreenCTM();
+  const length = edge.getTotalLength();
+  const points = Array.from({length: 400},
+    (_, i) => edge.getPointAtLength(length * i / 399).matrixTransform(matrix));
+  return [...document.querySelectorAll('.box, .topic')].filter((item) => {
+    const name = item.dataset.box ? `node ${item.dataset.box}` : `topic ${item.dataset.topic}`;
+    if (name === edge.dataset.from || name === edge.dataset.to) return false;
+    const r = item.querySelector('rect').getBoundingClientRect();
+    const [left, top, right, bottom] = [r.left + 1, r.top + 1, r.right - 1, r.bottom - 1];
+    return points.some((p) => p.x > left && p.x < right && p.y > top && p.y < bottom);
+  }).map((item) => [edge.dataset.from, edge.dataset.to, item.dataset.box ?? item.dataset.topic]);
+})"""
+BOT = [
+    node("/bot/driver", machine="edge"),
+    node("/bot/filter", machine="robot"),
+    node("/bot/planner", machine="edge"),
+    node("/bot/monitor", machine="robot"),
+    node("/bot/recorder", machine="edge"),
+]
+BOT_TOPICS = [
+    topic("/bot/odom_raw", ["/bot/driver"], ["/bot/filter", "/bot/recorder"]),
+    topic("/bot/odom", ["/bot/filter"], ["/bot/planner", "/bot/monitor", "/bot/recorder"]),
+    topic("/bot/cmd_vel", ["/bot/planner"], ["/bot/driver", "/bot/monitor", "/bot/recorder"]),
+    topic("/bot/status", ["/bot/monitor"], ["/bot/recorder"]),
+]
+
+
+@pytest.mark.parametrize("size", [(1400, 900), (1900, 1000), (390, 844)])
+@pytest.mark.parametrize("robot", [(BOT, BOT_TOPICS), (ROBOT, TOPICS)])
+def test_no_line_runs_behind_a_box(browser: Browser, size: tuple[int, int], robot: Any) -> None:
+    """It would seem to end at that box. And five nodes are shown whole, from the start."""
+    with serve_page() as served:
+        fill(served.feed, *robot)
+        tab = show(browser, served, size)
+        edges = "document.querySelectorAll('.edge').length"
+        assert tab.read(edges) == sum(len(t["from"]) + len(t["to"]) for t in robot[1])
+        assert tab.read(CROSSINGS) == []
+        for narrower in (0, 40) if robot[0] is BOT else ():
+            tab.resize(size[0] - narrower, size[1])
+            tab.wait(
+                "(g => g.scrollWidth <= g.clientWidth && g.scrollHeight <= g.clientHeight)"
+                "(document.querySelector('#graph'))",
+                "the whole graph in its frame",
+            )
+        assert tab.complaints() == []
+        tab.close()
+
+
+def test_pointing_fades_no_state_that_needs_a_look(tab: Tab) -> None:
+    """Nor a topic with a problem."""
+    tab.read("document.querySelector('[data-box=\"/spare\"]').focus()")
+    faded = tab.read("""[...document.querySelectorAll('.box')].filter(
+        (box) => getComputedStyle(box).opacity < 1).map((box) => box.dataset.box)""")
+    assert faded == ["/lidar"]
+
+
+def test_a_line_of_the_log_has_its_time_once(browser: Browser) -> None:
+    """ROS writes it into the text as well, which is left out."""
+    texts = {
+        "[INFO] [1795546724.178456]: driver is up": "INFO driver is up",
+        "[ WARN] [1795546724.178456789]: no scan": "WARN no scan",
+        "[INFO] [1795546724.178456789] [bot.driver]: up": "INFO bot.driver: up",
+        "[INFO] [1795546724.1, 12.5]: simulated": "[INFO] [1795546724.1, 12.5]: simulated",
+        "[1795546724.178] a line of another kind": "[1795546724.178] a line of another kind",
+    }
+
+    def read(name: str, cancel: threading.Event) -> Iterator[LogLine]:
+        yield from (LogLine(name, "p", text, time=1795546724 * 10**9) for text in texts)
+        cancel.wait()
+
+    with serve_page(read) as served:
+        fill(served.feed, ROBOT)
+        tab = show(browser, served)
+        click(tab, ".box")
+        tab.wait("document.querySelectorAll('#log .line').length === 5", "the log")
+        shown = tab.read(
+            "[...document.querySelectorAll('#log .line')].map((line) => line.lastChild.data)"
+        )
+        assert shown == list(texts.values())
+        tab.close()
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW])
+def test_a_rollout_moves_nothing(browser: Browser, served: Served, size: tuple[int, int]) -> None:
+    """Its bar has room before it begins: a box stays under the pointer."""
+    tab = show(browser, served, size)
+    before = tab.read(PLACES)
+    whole = {**served.feed.get("release"), "status": "pending", "changing": "a@b, process 1"}
+    served.feed.publish("release", {"release": whole})
+    tab.wait("!document.querySelector('#rollout').hidden", "the roll-out")
+    assert tab.read(PLACES) == before
+    tab.close()
+
+
 def test_a_rollout_shows_its_progress(tab: Tab, served: Served) -> None:
     """Who makes it and how far it is; afterwards it is gone."""
     assert tab.read("document.querySelector('#rollout').hidden")
@@ -172,7 +268,7 @@ def test_hostile_texts_are_shown_as_texts(browser: Browser) -> None:
     with serve_page(lambda name, cancel: iter([LogLine("w", "p", bad)])) as served:
         hostile = node(f"/{bad}", "crashed", bad, bad, workload="w", remedy=bad, image=bad)
         fill(served.feed, [hostile], [topic(f"/t{bad}", [f"/{bad}"], [])])
-        served.feed.publish("problems", {"problems": [{"message": bad, "error": True}]})
+        served.feed.publish("problems", {"problems": [{"message": bad, "severity": "error"}]})
         revision = {"number": 1, "status": bad, "created": bad, "description": bad}
         served.feed.publish(
             "revision", {"revision/1": {**revision, "changes": [bad], "back": [bad]}}
@@ -249,8 +345,13 @@ def overlaps(places: list[list[float]]) -> list[Any]:
 
 
 def test_ten_pages_in_one_browser_are_all_live(browser: Browser, served: Served) -> None:
-    """A browser opens at most six HTTP/1.1 connections to a server; pages do not wait for them."""
-    tabs = [show(browser, served) for _ in range(10)]
+    """A browser opens at most six HTTP/1.1 connections to a server; pages behind hold none."""
+    tabs = []
+    for _ in range(10):
+        tabs.append(show(browser, served))
+        tabs[-1].show()
+        for behind in tabs[:-1]:
+            behind.wait("document.hidden", "the page to be behind")
     fill(served.feed, [node("/lidar", "crashed"), *ROBOT[1:]], TOPICS)
     for tab in tabs:
         tab.wait("document.querySelector('[data-box=\"/lidar\"].crashed')", "the change")
@@ -399,7 +500,7 @@ def publish_more(served: Served) -> None:
     whole = {**feed.get("release"), "status": "pending", "changing": "me"}
     feed.publish("release", {"release": whole})
     feed.publish("cluster", {"cluster": {**feed.get("cluster"), "message": "away", "since": ""}})
-    problems = [{"message": "wrong", "error": True}, {"message": "doubtful", "error": False}]
+    problems = [{"message": "wrong", "severity": "error"}, {"message": "doubtful"}]
     feed.publish("problems", {"problems": problems})
     lines = {"to": 1, "state": "failed", "message": "it failed", "lines": ["one", "two"]}
     feed.publish("change", {"change": lines})

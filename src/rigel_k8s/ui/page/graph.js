@@ -3,76 +3,80 @@
 
 import { byId, draw, make, setText, showTime, update } from "./dom.js";
 import { matches, finding, onFind } from "./find.js";
-import { FONTS, begin, fit, place, route } from "./layout.js";
+import { load, place, scaleIn } from "./graphviz.js";
 import { onSelect, select, selected } from "./selection.js";
 import { drawState, wordsOf } from "./states.js";
 import { get, group } from "./store.js";
+import { begin, squeeze } from "./text.js";
 
-const MARGIN = 12;
+const MARGIN = 6;
+const FAMILY = "Helvetica, Arial, sans-serif"; // the widths that Graphviz has
+const FONTS = { name: `600 14px ${FAMILY}`, small: `12px ${FAMILY}` };
 const area = byId("graph");
-let zoom = 0; // 0: as wide as the page, but never too small to read
-let drawn = null; // {key, svg, boxes: name -> element, edges, width, height}
+let zoom = 0; // 0: the whole graph, but never too small to read
+let failure = ""; // why Graphviz does not run here
+let drawn = null; // {dot, placed, svg, boxes: name -> element, edges, width, height}
 let current = ""; // the box that Tab leads to
 
 /** Show what has changed. */
 export function showGraph(groups) {
-  if (groups && !["node", "box", "topic", "graph", "problems"].some((name) => groups.has(name))) return;
+  if (groups && !["node", "box", "topic", "dot", "graph", "problems"].some((name) => groups.has(name))) return;
   const boxes = group("box").sort((a, b) => a.name.localeCompare(b.name));
   const topics = group("topic").sort((a, b) => a.name.localeCompare(b.name));
-  const key = JSON.stringify([
-    Math.floor(area.clientWidth / 80),
-    boxes.map((box) => [box.name, box.machine]),
-    topics.map((topic) => [topic.name, topic.from, topic.to]),
-  ]);
-  if (drawn?.key !== key) drawAll(key, boxes, topics);
-  for (const box of boxes) colorBox(box);
-  for (const topic of topics) colorTopic(topic);
-  mark();
+  const placed = boxes.length ? place(get("dot").text ?? "", room()) : null;
+  if (placed && drawn?.placed !== placed) drawAll(placed, boxes, topics);
+  if (!boxes.length) {
+    drawn = null;
+    update(area, [make("p", { class: "note" }, "No node yet.")], "none");
+  }
+  if (drawn) {
+    for (const box of boxes) colorBox(box);
+    for (const topic of topics) colorTopic(topic);
+    mark();
+  }
   showNotes(boxes);
 }
 
-function drawAll(key, boxes, topics) {
+/** Return the room in which the whole graph should be. */
+const room = () => ({ width: Math.max(area.clientWidth - 2, 240), height: Math.min(innerHeight * 0.72, 960) - 2 });
+
+function drawAll(placed, boxes, topics) {
   const focused = area.contains(document.activeElement) && document.activeElement.dataset?.box;
-  const room = Math.max(area.clientWidth - 2 * MARGIN, 320);
-  const placed = place(boxes, topics, room);
   const machines = draw("g", {});
   for (const machine of placed.machines) {
     machines.append(
       draw("g", { class: "machine", "data-machine": machine.name },
         draw("rect", { x: machine.x, y: machine.y, width: machine.width, height: machine.height, rx: 10 }),
-        draw("text", { x: machine.x + 14, y: machine.y + 19 }, machine.name)),
+        draw("text", { x: machine.x + 10, y: machine.y + 18 }, machine.name)),
     );
   }
   const lines = draw("g", { class: "edges" });
+  const edges = placed.edges.map(({ from, to, d }) => {
+    const path = draw("path", { class: "edge", d, "marker-end": "url(#arrow)", "data-from": from, "data-to": to });
+    lines.append(path);
+    const [node, topic] = from.startsWith("node ") ? [from, to] : [to, from];
+    return { path, node: node.slice("node ".length), topic: topic.slice("topic ".length) };
+  });
   const pills = draw("g", {});
-  const edges = [];
   const found = new Map();
   for (const topic of topics) {
     const at = placed.places.get(`topic ${topic.name}`);
     if (!at) continue;
-    const own = `topic ${topic.name}`;
-    const ends = [...topic.from.map((name) => [name, true]), ...topic.to.map((name) => [name, false])];
-    for (const [name, out] of ends) {
-      const box = `box ${name}`;
-      if (!placed.places.has(box)) continue;
-      const d = out ? route(placed, box, own) : route(placed, own, box);
-      const path = draw("path", { class: "edge", d, "marker-end": out ? null : "url(#arrow)" });
-      edges.push({ path, node: name, topic: topic.name });
-      lines.append(path);
-    }
     const pill = draw("g", { class: "topic", "data-topic": topic.name, "aria-hidden": "true" },
       draw("rect", { x: at.x - at.width / 2, y: at.y - at.height / 2, width: at.width, height: at.height, rx: at.height / 2 }),
-      draw("text", { x: at.x, y: at.y + 4 }),
+      draw("text", { class: "name", x: at.x, y: at.y - 3 }),
+      draw("text", { x: at.x, y: at.y + 13 }),
       draw("title", {}));
     pill.addEventListener("pointerenter", () => point({ topic: topic.name }));
     pill.addEventListener("pointerleave", () => point(null));
     pills.append(pill);
-    found.set(topic.name, { element: pill, room: at.width - 14 });
+    found.set(topic.name, { element: pill, room: at.width - 12 });
   }
   const cards = draw("g", { role: "list", "aria-label": "Nodes of the ROS graph" });
   const known = new Map();
   for (const box of boxes) {
-    const at = placed.places.get(`box ${box.name}`);
+    const at = placed.places.get(`node ${box.name}`);
+    if (!at) continue;
     const card = drawBox(box, at);
     cards.append(draw("g", { role: "listitem" }, card.element));
     known.set(box.name, card);
@@ -81,9 +85,9 @@ function drawAll(key, boxes, topics) {
   const height = placed.height + 2 * MARGIN;
   const arrow = draw("marker", { id: "arrow", viewBox: "0 0 8 8", refX: 8, refY: 4, markerWidth: 7, markerHeight: 7, orient: "auto" }, draw("path", { d: "M0 0 8 4 0 8Z" }));
   const svg = draw("svg", { viewBox: `${-MARGIN} ${-MARGIN} ${width} ${height}`, role: "group", "aria-labelledby": "graph-title" }, draw("defs", {}, arrow), machines, lines, pills, cards);
-  drawn = { key, svg, boxes: known, topics: found, edges, width, height, order: boxes.map((box) => box.name) };
-  if (!known.has(current)) current = boxes[0]?.name ?? "";
-  area.replaceChildren(boxes.length ? svg : make("p", { class: "note" }, "No node yet."));
+  drawn = { placed, svg, boxes: known, topics: found, edges, width, height, order: [...known.keys()] };
+  if (!known.has(current)) current = drawn.order[0] ?? "";
+  update(area, [svg]);
   scale();
   if (focused && known.has(focused)) known.get(focused).element.focus({ preventScroll: true });
 }
@@ -91,9 +95,10 @@ function drawAll(key, boxes, topics) {
 function drawBox(box, at) {
   const left = at.x - at.width / 2;
   const top = at.y - at.height / 2;
-  const shape = draw("g", { transform: `translate(${left + 12} ${top + 8})` });
-  const name = draw("text", { class: "name", x: left + 30, y: top + 19 }, `${fit(box.name, FONTS.box, at.width - 38)} `);
-  const note = draw("text", { class: "words", x: left + 12, y: top + 36 });
+  const shape = draw("g", { transform: `translate(${left + 10} ${top + 8})` });
+  const name = draw("text", { class: "name", x: left + 27, y: top + 19 });
+  squeeze(name, `${box.name} `, FONTS.name, at.width - 32);
+  const note = draw("text", { class: "words", x: left + 10, y: top + 36 });
   const title = draw("title", {});
   const element = draw("g", { class: "box", role: "button", tabindex: -1, "data-box": box.name, "data-workload": box.workload },
     draw("rect", { x: left, y: top, width: at.width, height: at.height, rx: 7 }), shape, name, note, title);
@@ -127,7 +132,7 @@ function colorBox(box) {
   card.element.setAttribute("aria-label", label);
   card.element.setAttribute("aria-pressed", String(Boolean(box.workload) && box.workload === selected()));
   card.shape.replaceChildren(drawState(state));
-  setText(card.note, begin(brief ? `${words}: ${brief}` : words, FONTS.note, card.at.width - 22));
+  setText(card.note, begin(brief ? `${words}: ${brief}` : words, FONTS.small, card.at.width - 18));
   setText(card.title, label);
 }
 
@@ -141,10 +146,10 @@ function connections(name) {
 function colorTopic(topic) {
   const pill = drawn.topics.get(topic.name);
   if (!pill) return;
-  const words = topic.rate ? `${topic.name} ${topic.rate}` : topic.name;
   pill.element.setAttribute("class", `topic${topic.bad ? " bad" : ""}`);
-  const [, text, title] = pill.element.children;
-  setText(text, fit(words, FONTS.pill, pill.room));
+  const [, name, rate, title] = pill.element.children;
+  squeeze(name, topic.name, FONTS.small, pill.room);
+  setText(rate, topic.rate || "–");
   setText(title, [topic.name, topic.type, topic.rate].filter(Boolean).join(" "));
   for (const edge of drawn.edges) {
     if (edge.topic === topic.name) edge.path.classList.toggle("lost", topic.lost.includes(edge.node));
@@ -190,7 +195,8 @@ function choose(name) {
 function showNotes(boxes) {
   const state = get("graph");
   const read = state.read ? `Topics as of ${showTime(state.read)}.` : "Topics have not been read yet.";
-  setText(byId("graph-note"), boxes.length ? `${read}${state.message ? ` ${state.message}.` : ""}` : "");
+  const notes = [read, state.message && `${state.message}.`, failure].filter(Boolean);
+  setText(byId("graph-note"), boxes.length ? notes.join(" ") : "");
   const problems = Array.isArray(get("problems")) ? get("problems") : [];
   update(byId("problems"), problems.map((problem) => make("li", { class: problem.severity === "error" ? "wrong" : "doubt" }, problem.message)), problems);
 }
@@ -233,26 +239,29 @@ function nearest(name, dx, dy) {
 
 // Size.
 
-const READABLE = 0.85; // below that, texts of 14 pixels are hard to read
+const READABLE = 0.85; // below that, texts of 12 pixels are hard to read
+const LEAST = 0.6; // a graph that is readable with some effort is shown whole
+const LARGEST = 1.4;
 
 function scale() {
   if (!drawn) return;
-  const room = area.clientWidth - 2;
-  const factor = zoom || Math.min(1, Math.max(READABLE, room / drawn.width));
-  drawn.svg.setAttribute("width", Math.round(drawn.width * factor));
-  drawn.svg.setAttribute("height", Math.round(drawn.height * factor));
-  drawn.factor = factor;
+  const whole = Math.min(LARGEST, scaleIn(drawn, room()));
+  const wide = Math.min(1, Math.max(READABLE, room().width / drawn.width));
+  drawn.factor = zoom || (whole < LEAST ? wide : whole);
+  drawn.svg.setAttribute("width", Math.floor(drawn.width * drawn.factor));
+  drawn.svg.setAttribute("height", Math.floor(drawn.height * drawn.factor));
 }
 
 function zoomBy(step) {
-  zoom = Math.min(3, Math.max(0.3, (zoom || drawn?.factor || 1) * step));
+  zoom = Math.min(3, Math.max(0.3, (drawn?.factor ?? 1) * step));
   scale();
 }
 
 byId("zoom-in").addEventListener("click", () => zoomBy(1.25));
 byId("zoom-out").addEventListener("click", () => zoomBy(0.8));
 byId("zoom-fit").addEventListener("click", () => {
-  zoom = drawn && zoom !== area.clientWidth / drawn.width ? (area.clientWidth - 2) / drawn.width : 0;
+  const whole = drawn ? scaleIn(drawn, room()) : 0;
+  zoom = zoom === whole ? 0 : whole;
   scale();
 });
 new ResizeObserver(() => {
@@ -261,3 +270,7 @@ new ResizeObserver(() => {
 }).observe(area);
 onFind(mark);
 onSelect(() => showGraph());
+load((message) => {
+  failure = message;
+  showGraph();
+});

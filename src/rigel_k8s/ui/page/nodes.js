@@ -15,7 +15,7 @@ export function showNodes(groups) {
   found.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.name.localeCompare(b.name));
   const focused = document.activeElement?.dataset?.node;
   const rows = found.map(makeRow);
-  const key = [selected(), ...found.map((n) => [n.name, n.workload, n.state, n.cause, n.machine, n.ready, n.desired, n.restarts, n.image])];
+  const key = [selected(), ...found.map((n) => [n.name, n.workload, n.state, n.cause, n.machine, n.ready, n.desired, n.restarts])];
   if (update(byId("nodes"), rows, key) && focused) {
     byId("nodes").querySelector(`[data-node="${CSS.escape(focused)}"]`)?.focus();
   }
@@ -41,7 +41,6 @@ function makeRow(node) {
     make("td", {}, node.machine || "–"),
     make("td", { class: "extra" }, `${node.ready}/${node.desired}`),
     make("td", { class: "extra" }, String(node.restarts)),
-    make("td", { class: "extra image" }, shorten(node.image)),
     make("td", { class: "cause" }, node.cause || "–"),
   );
 }

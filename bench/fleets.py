@@ -1,18 +1,30 @@
-"""Fleets of robots, each a release in a namespace of its own, and each tool's commands for them.
+"""Fleets of robots beside kubectl and helm, each robot a release in a namespace; prints a table.
 
-rigel deploys and deletes a fleet by one sequence, the other tools one robot after the other.
+usage: python -m bench.fleets --context rigel-NAME [--robots 1,10] [--nodes 5]
+                              [--tools rigel,kubectl,helm] [--limit 1800]
+
+rigel deploys and deletes a fleet by one sequence, the other tools one robot after the other. A step
+that fails, or takes longer than the limit, is marked in the table, and the run continues; the
+command's output goes to standard error.
 """
 
 from __future__ import annotations
 
+import argparse
+import contextlib
+import signal
 import subprocess
-from collections.abc import Sequence
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import attrs
 
-from bench.__main__ import NODE
+from bench.__main__ import NODE, tag_again
+from bench.measure import CommandFailed, Sample, TooSlow, run
 from bench.tools import helm_program, program
+from rigel_lab import cluster as lab
 
 Command = Sequence[str]
 STEPS = ("first deploy", "unchanged", "one image", "status", "down")
@@ -43,7 +55,6 @@ class Fleet:
     """Releases of one size, each in its namespace, and how to reach their cluster."""
 
     context: str
-    kubeconfig: Path
     kubectl: str
     registry: str
     directory: Path
@@ -63,8 +74,7 @@ class Fleet:
 
     def to_cluster(self, tool: str = "") -> list[str]:
         """Return the options of rigel and kubectl that choose the cluster, or those of helm."""
-        context = "--kube-context" if tool == "helm" else "--context"
-        return ["--kubeconfig", str(self.kubeconfig), context, self.context]
+        return ["--kube-context" if tool == "helm" else "--context", self.context]
 
     def on(self, robot: str) -> list[str]:
         """Return kubectl's command line for a robot."""
@@ -161,3 +171,95 @@ def helm(fleet: Fleet) -> dict[str, list[Command]]:
 
 
 TOOLS = {"rigel": rigel, "kubectl": kubectl, "helm": helm}
+
+
+@attrs.frozen
+class Outcome:
+    """The costs of a tool's step.
+
+    Attributes:
+        failure: what the table says instead of the figures, empty where the step succeeded.
+        sample: None where the step failed.
+    """
+
+    failure: str = ""
+    sample: Sample | None = None
+
+
+def measure(fleet: Fleet, tool: str, limit: float) -> Iterator[tuple[str, Outcome]]:
+    """Yield the steps of one tool and their costs; a step that is too slow is the last."""
+    commands = TOOLS[tool](fleet)
+    for step in STEPS:
+        try:
+            outcome = Outcome("", run(*commands[step], limit=limit))
+        except TooSlow:
+            outcome = Outcome(f"over {limit:g} s")
+        except CommandFailed as error:
+            print(error, file=sys.stderr, flush=True)
+            outcome = Outcome("failed")
+        print(f"{len(fleet.robots)} {tool} {step}: {outcome}", file=sys.stderr, flush=True)
+        yield step, outcome
+        if outcome.failure.startswith("over"):
+            return
+
+
+@contextlib.contextmanager
+def namespaces(kubectl: Sequence[str], names: Sequence[str]) -> Iterator[None]:
+    """Create namespaces, and delete them with everything in them."""
+    try:
+        for name in names:
+            subprocess.run([*kubectl, "create", "ns", name], check=True, capture_output=True)
+        yield
+    finally:
+        gone = [*kubectl, "delete", "ns", *names, "--ignore-not-found", "--timeout=600s"]
+        subprocess.run(gone, check=False, capture_output=True)
+
+
+def describe(outcomes: Sequence[Outcome | None]) -> str:
+    """Return the cells of a row: in each the tools' figures, in the order of the tools."""
+    rows = [
+        [f"{one.sample.wall:.1f}", f"{one.sample.cpu:.2f}", f"{one.sample.memory:.0f}"]
+        if one and one.sample
+        else [one.failure if one else "-", "-", "-"]
+        for one in outcomes
+    ]
+    return " | ".join(" / ".join(cell) for cell in zip(*rows, strict=True))
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m bench.fleets", description=__doc__)
+    parser.add_argument("--context", required=True, help="of a cluster of `rigel cluster`")
+    parser.add_argument("--robots", default="1,10")
+    parser.add_argument("--nodes", type=int, default=5, help="ROS nodes of each robot")
+    parser.add_argument("--tools", default="rigel,kubectl,helm")
+    parser.add_argument("--limit", type=float, default=1800, help="seconds that a step may take")
+    words = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    status = lab.status(words.context.removeprefix("rigel-"))
+    tag_again(status.registry)
+    tools = words.tools.split(",")
+    print(f"Cells: {' / '.join(tools)}")
+    print("| robots | step | wall s | cpu s | MiB |\n|---|---|---|---|---|")
+    for robots in map(int, words.robots.split(",")):
+        found = []
+        for tool in tools:
+            names = tuple(f"fleet-{tool}-{number}" for number in range(robots))
+            kubectl = [status.kubectl, "--context", words.context]
+            with tempfile.TemporaryDirectory() as directory, namespaces(kubectl, names):
+                fleet = Fleet(
+                    words.context,
+                    status.kubectl,
+                    status.registry,
+                    Path(directory),
+                    words.nodes,
+                    names,
+                )
+                found.append(dict(measure(fleet, tool, words.limit)))
+        for step in STEPS:
+            cells = describe([by_step.get(step) for by_step in found])
+            print(f"| {robots} | {step} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

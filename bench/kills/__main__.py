@@ -1,7 +1,7 @@
-"""Kill each command at each of its writes, run it again, and print a table of the results.
+"""Kill each command at each of its writes, run it again, and print the result of each.
 
 usage: python -m bench.kills --context NAME [--only "first deploy"]
-       [--namespace bench-kills] [--document docs/reliability-tests.md]
+       [--namespace bench-kills]
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import argparse
 import sys
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
+
+import attrs
 
 from bench.kills.killing import MOMENTS, Moment, describe, in_child
 from bench.kills.scenarios import (
@@ -22,10 +23,19 @@ from bench.kills.scenarios import (
     run_again,
     take_snapshot,
 )
-from bench.kills.table import Kill, draw, renew
 from rigel_k8s.kube.cluster import Cluster
 
 MOST = 200  # writes of one command
+
+
+@attrs.frozen
+class Kill:
+    """One kill, and the result of the same command after it."""
+
+    scenario: str
+    step: str
+    moment: Moment
+    result: str
 
 
 def main() -> int:
@@ -39,10 +49,7 @@ def main() -> int:
                 kills.append(kill)
     in_child(words.context, lambda cluster: delete_namespace(cluster, words.namespace))
     wrong = sum(kill.result.startswith("WRONG") for kill in kills)
-    if words.document:
-        text = words.document.read_text()
-        words.document.write_text(renew(text, list(draw(kills))))
-    print(*draw(kills), "", f"{len(kills)} kills, {wrong} wrong", sep="\n")
+    print(f"{len(kills)} kills, {wrong} wrong")
     return int(wrong > 0)
 
 
@@ -51,8 +58,7 @@ def parse_words() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.kills", description=__doc__)
     parser.add_argument("--context", required=True, help="a cluster where stacks may be installed")
     parser.add_argument("--namespace", default="bench-kills", help="is made and deleted")
-    parser.add_argument("--only", help="one command of the table")
-    parser.add_argument("--document", type=Path, help="its table gets the rows")
+    parser.add_argument("--only", help="the name of one command, such as `down`")
     return parser.parse_args()
 
 

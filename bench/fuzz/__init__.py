@@ -1,1 +1,0 @@
-"""Checks and renders mutated Rigelfiles, and finds tracebacks and excessive use of resources."""

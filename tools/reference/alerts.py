@@ -29,7 +29,6 @@ no mail and no message. If you have one, name its address:
 ```yaml
 observability:
   enabled: true
-  collector: promtail # or alloy
   prometheus: { alertmanagers: ["alertmanager.monitoring:9093"] }
 ```
 

@@ -6,10 +6,12 @@ import re
 from collections.abc import Iterator
 
 from rigel_k8s.observability.options import (
+    DEFAULT_COLLECTOR,
     Component,
     Observability,
     Part,
     RosMetrics,
+    collector_part,
 )
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
@@ -71,25 +73,20 @@ def check_spans(options: Observability) -> Iterator[Problem]:
 
 
 def check_collector(options: Observability) -> Iterator[Problem]:
-    """Yield a collector that is no longer maintained, and one that is configured but not used."""
-    used = options.collector or "promtail"
-    other = "alloy" if used == "promtail" else "promtail"
-    unused: Part = getattr(options, other)
-    if unused not in (Part(), Part(enabled=False)):
-        message = f"the collector is {used}, so this has no effect; set `collector: {other}`"
-        yield Problem((other,), message, "not-used", severity="warning", at_key=True)
-    if options.enabled and options.collector is None and reads_lines(options):
+    """Yield collectors that are configured but not used, and a Loki that needs a setting."""
+    used = options.collector or DEFAULT_COLLECTOR
+    for other in ("otel-collector", "promtail", "alloy"):
+        if other != used and collector_part(options, other) not in (Part(), Part(enabled=False)):
+            message = f"the collector is {used}, so this has no effect; set `collector: {other}`"
+            path = (other.replace("-", "_"),)
+            yield Problem(path, message, "not-used", severity="warning", at_key=True)
+    if options.existing and options.existing.loki and options.collector is None:
         message = (
-            "Promtail reads the log lines, and its maintenance ended in March 2026: set `collector:"
-            " alloy` for its successor, with the same labels, or `collector: promtail` to keep it"
+            "the OpenTelemetry Collector sends labels as OTLP attributes, so this Loki needs an"
+            " `otlp_config` that makes labels of them; set `collector: otel-collector` if it has"
+            " one, or `collector: alloy`, which needs none"
         )
-        yield Problem((), message, "end-of-life", severity="warning", at_key=True)
-
-
-def reads_lines(options: Observability) -> bool:
-    """Return whether log lines are collected, as far as the options show it."""
-    sent = options.loki.enabled or (options.existing is not None and options.existing.loki)
-    return bool(sent) and options.promtail.enabled
+        yield Problem(("existing", "loki"), message, "otlp-labels", severity="warning", at_key=True)
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:

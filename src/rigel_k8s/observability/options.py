@@ -27,6 +27,7 @@ from rigel_k8s.objects.scalars import (
     RosName,
 )
 
+DEFAULT_COLLECTOR = "otel-collector"
 ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
 
 
@@ -191,8 +192,8 @@ class Observability:
     namespace: ObjectName | None = option(
         "the stack's namespace (default: that of the existing stack, otherwise monitoring)"
     )
-    collector: Literal["promtail", "alloy"] | None = option(
-        "the program that reads the log lines (default promtail)"
+    collector: Literal["otel-collector", "promtail", "alloy"] | None = option(
+        "the program that reads the log lines (default otel-collector)"
     )
     placement: Machines = attrs.field(
         factory=Machines,
@@ -201,6 +202,12 @@ class Observability:
     grafana: Grafana = attrs.field(factory=Grafana, metadata={"doc": "dashboards"})
     prometheus: Prometheus = attrs.field(factory=Prometheus, metadata={"doc": "metrics"})
     loki: Loki = attrs.field(factory=Loki, metadata={"doc": "logs"})
+    otel_collector: Part = option(
+        "the collector, if it is the OpenTelemetry Collector",
+        default=True,
+        accepts=bool | Part,
+        converter=part_of,
+    )
     promtail: Part = option(
         "the collector, if it is Promtail",
         default=True,
@@ -235,6 +242,12 @@ class Observability:
         if not self.enabled or self.ros_metrics is False:
             return None
         return self.ros_metrics if isinstance(self.ros_metrics, RosMetrics) else RosMetrics()
+
+
+def collector_part(options: Observability, name: str) -> Part:
+    """Return the options of a collector by its name."""
+    part: Part = getattr(options, name.replace("-", "_"))
+    return part
 
 
 @attrs.frozen(kw_only=True)

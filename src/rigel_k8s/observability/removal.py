@@ -12,6 +12,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.desired import NAMESPACE
 from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.manifests.alloy import ALLOY
+from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR
 from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.password import administrator_ref
@@ -23,7 +24,7 @@ from rigel_k8s.report import Reporter
 LOOK = 0.5
 #: Seconds in which a collector can send what it has read.
 HAND_OVER = 30.0
-COLLECTORS = (("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
+COLLECTORS = (("DaemonSet", OTEL_COLLECTOR), ("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
 
 
 def remove(

@@ -75,7 +75,7 @@ class GoBuild:
 
     @property
     def lock(self) -> Path:
-        """The directory of its go.mod and go.sum."""
+        """The directory of its go.mod and go.sum, and of a program that is put together here."""
         return Path(__file__).parent / "lock" / self.name
 
     @property
@@ -132,8 +132,9 @@ class GoBuild:
         words = [*self.packages, *self.flags()]
         words += [f"{k}={v}" for names in (self.renamed, self.files) for k, v in names.items()]
         digest = hashlib.sha256(" ".join(words).encode())
-        for name in ("go.mod", "go.sum"):
-            digest.update((self.lock / name).read_bytes())
+        for path in sorted(self.lock.rglob("*")):
+            if path.is_file():
+                digest.update(path.read_bytes())
         return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
 
     def fetch(self, upstream: Upstream, report: Report) -> None:

@@ -14,6 +14,7 @@ from rigel_lab.cluster.observability import (
     LOKI,
     NODE_EXPORTER,
     OPERATOR,
+    OTEL_COLLECTOR,
     PROMETHEUS,
 )
 from rigel_lab.cluster.oci import Image
@@ -22,6 +23,7 @@ from rigel_lab.cluster.upstream import find_program, shell, shorten_name, text, 
 LOKI_IMAGE = f"docker.io/grafana/loki:{LOKI.version}"
 #: Upstream's last one. The module of its version is not available; a later one contains it.
 PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"
+OTEL_COLLECTOR_IMAGE = f"docker.io/otel/opentelemetry-collector-k8s:{OTEL_COLLECTOR.version}"
 PROMETHEUS_IMAGE = f"docker.io/prom/prometheus:v{PROMETHEUS.version}"
 KUBE_STATE_METRICS_IMAGE = (
     f"registry.k8s.io/kube-state-metrics/kube-state-metrics:v{KUBE_STATE_METRICS.version}"
@@ -67,6 +69,19 @@ def promtail(components: Components) -> Image:
         ["/usr/bin/promtail"],
         links=tools(components),
         command=["-config.file=/etc/promtail/config.yml"],
+    )
+
+
+def otel_collector(components: Components) -> Image:
+    """Return the OpenTelemetry Collector's image, which has no shell."""
+    return Image(
+        shorten_name(OTEL_COLLECTOR_IMAGE),
+        {
+            "otelcol-k8s": find_program(components, "otelcol-k8s"),
+            "LICENSE": text(components, "otel-collector-license"),
+        },
+        ["/otelcol-k8s"],
+        user="10001",
     )
 
 
@@ -152,6 +167,7 @@ def make_image(
 OBSERVABILITY_IMAGES = {
     LOKI_IMAGE: loki,
     PROMTAIL_IMAGE: promtail,
+    OTEL_COLLECTOR_IMAGE: otel_collector,
     PROMETHEUS_IMAGE: prometheus,
     KUBE_STATE_METRICS_IMAGE: kube_state_metrics,
     NODE_EXPORTER_IMAGE: node_exporter,

@@ -18,6 +18,7 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.manifests.images import LOKI_IMAGE
+from rigel_k8s.observability.names import LABELS
 
 from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, is_ready, until
@@ -50,8 +51,13 @@ def server(namespace: str, name: str, port: int, *containers: dict[str, Any]) ->
     yield {"apiVersion": "v1", "kind": "Service", "metadata": meta, "spec": spec}
 
 
+#: Without it, a Loki makes other labels of what the OpenTelemetry Collector sends.
+OTLP = "-distributor.otlp.default_resource_attributes_as_index_labels"
+
+
 def loki(*words: str) -> dict[str, Any]:
     """Return Loki's container, as its image has it but for some words."""
+    words = (*words, *(f"{OTLP}={name}" for name in [*LABELS, "level"]))
     ready = {"httpGet": {"path": "/ready", "port": 3100}, "periodSeconds": 1}
     config = "-config.file=/etc/loki/local-config.yaml"
     return {"name": "loki", "image": LOKI_IMAGE, "args": [config, *words], "readinessProbe": ready}

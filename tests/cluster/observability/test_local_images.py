@@ -26,6 +26,7 @@ pytestmark = pytest.mark.cluster
 VERSIONS = {
     observability_images.LOKI_IMAGE: "loki, version 3.7.8",
     observability_images.PROMTAIL_IMAGE: "promtail, version 3.6.15",
+    observability_images.OTEL_COLLECTOR_IMAGE: "otelcol-k8s version 0.158.0",
     observability_images.PROMETHEUS_IMAGE: "prometheus, version 3.13.3",
     observability_images.KUBE_STATE_METRICS_IMAGE: "kube-state-metrics, version v2.18.0",
     observability_images.NODE_EXPORTER_IMAGE: "node_exporter, version 1.12.1",

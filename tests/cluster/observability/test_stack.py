@@ -95,6 +95,12 @@ def talker(
     """A ROS 1 node that logs."""
     namespace = f"t-stack-{uuid.uuid4().hex[:6]}"
     file = tmp_path_factory.mktemp("talker") / "Rigelfile"
+    yield start_talker(watching, context, base_image, namespace, file)
+    watching.cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+
+
+def start_talker(stack: Stack, context: str, base_image: str, namespace: str, file: Path) -> Talker:
+    """Deploy a ROS 1 node that logs."""
     job = {
         "namespace": namespace,
         "deployment_name": "demo",
@@ -105,24 +111,24 @@ def talker(
     jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
     file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
     run_rigel("--context", context, "-f", str(file), "run", "job", "deploy")
-    yield Talker(namespace, watching)
-    watching.cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+    return Talker(namespace, stack)
 
 
-@pytest.mark.parametrize(
-    ("text", "level"),
-    [
-        ("all is well", "info"),
-        ("slow", "warn"),
-        ("blocked", "error"),
-        (": lost", "fatal"),
-        ("WARN] [1700000000.5]", "warn"),
-        ("INFO] [1700000000.6]", "info"),
-        ("from ROS 2", "debug"),
-        ("launched", "fatal"),
-        ("after it", "info"),
-    ],
-)
+#: A text of each line, and the level that it says.
+LEVELS = {
+    "all is well": "info",
+    "slow": "warn",
+    "blocked": "error",
+    ": lost": "fatal",
+    "WARN] [1700000000.5]": "warn",
+    "INFO] [1700000000.6]": "info",
+    "from ROS 2": "debug",
+    "launched": "fatal",
+    "after it": "info",
+}
+
+
+@pytest.mark.parametrize(("text", "level"), LEVELS.items())
 def test_a_line_has_the_level_that_it_says(talker: Talker, text: str, level: str) -> None:
     """ROS 1's, by rospy and by rosconsole with its colours, ROS 2's, and what a launch prints."""
     _, labels = talker.entry(text)
@@ -153,6 +159,11 @@ def test_a_line_has_the_labels_of_the_contract_and_no_other(talker: Talker) -> N
 
 def test_a_traceback_is_one_entry(talker: Talker) -> None:
     """Logged by rospy, and printed by Python where nobody caught it."""
+    check_tracebacks(talker)
+
+
+def check_tracebacks(talker: Talker) -> None:
+    """Both are there, whole, and neither is in two entries."""
 
     def look() -> list[dict[str, Any]] | None:
         found = talker.streams(' |= "Traceback (most recent call last)"')
@@ -174,7 +185,7 @@ def test_every_job_has_all_its_targets_up(watching: Stack, cluster: Any) -> None
     """One for each machine where a program is on each."""
     nodes = len(cluster.nodes())
     wanted = dict.fromkeys(("prometheus", "loki", "kube-state-metrics"), 1)
-    wanted |= dict.fromkeys(("promtail", "node-exporter", "cadvisor", "kubelet"), nodes)
+    wanted |= dict.fromkeys(("otel-collector", "node-exporter", "cadvisor", "kubelet"), nodes)
 
     def up() -> bool:
         # Not by `up`: after a restart it has targets of before for some minutes.
@@ -225,10 +236,34 @@ def versions(stack: Stack) -> dict[str, str]:
 
 def test_a_new_collector_leaves_no_gap_and_no_double(talker: Talker) -> None:
     """It goes on where the one before it stopped."""
+    check_restart(talker, "otel-collector")
+
+
+def check_restart(talker: Talker, collector: str) -> None:
+    """Every number is there once, those of the restart too."""
     last = talker.beyond(50)[-1]
-    talker.stack.restart("promtail")
+    talker.stack.restart(collector)
     numbers = talker.beyond(last + 100)
     assert numbers == list(range(numbers[-1] + 1))
+
+
+def test_promtail_reads_the_same(
+    watching: Stack, context: str, base_image: str, namespace: str, tmp_path: Path
+) -> None:
+    """`collector: promtail` replaces the collector; levels, labels and tracebacks stay."""
+    watching.deploy({"collector": "promtail"})
+    try:
+        until(lambda: not watching.pods("otel-collector"), "the other collector has ended")
+        file = tmp_path / "Rigelfile"
+        talker = start_talker(watching, context, base_image, namespace, file)
+        for text, level in LEVELS.items():
+            labels = talker.entry(text)[1]
+            assert (labels["level"], set(labels) <= LABELS) == (level, True)
+        check_tracebacks(talker)
+        check_restart(talker, "promtail")
+    finally:
+        watching.deploy({"collector": "otel-collector"})
+    until(lambda: not watching.pods("promtail"), "Promtail has ended")
 
 
 def test_loki_keeps_its_lines_over_a_restart(talker: Talker) -> None:
@@ -322,14 +357,14 @@ def test_a_grafana_that_cannot_be_pulled_keeps_nothing_waiting(watching: Stack) 
 
 #: (account, verb, group, resource, subresource) that a part may do, in all namespaces.
 ALLOWED = [
-    ("promtail", "list", "", "pods", ""),
-    ("promtail", "watch", "", "pods", ""),
+    ("otel-collector", "list", "", "pods", ""),
+    ("otel-collector", "watch", "", "pods", ""),
     ("prometheus", "list", "", "pods", ""),
     ("prometheus", "list", "", "nodes", ""),
     ("prometheus", "get", "", "nodes", "metrics"),
     ("kube-state-metrics", "list", "apps", "deployments", ""),
 ]
-PARTS = ("loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter")
+PARTS = ("loki", "otel-collector", "prometheus", "kube-state-metrics", "node-exporter")
 DANGEROUS = [
     ("get", "", "secrets", ""),
     ("list", "", "configmaps", ""),

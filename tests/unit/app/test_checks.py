@@ -213,8 +213,6 @@ WARNINGS = [
     ("surge", "rolling_update", "{application_image: a, rolling_update: {strategy: Rolling}}"),
     ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
     ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
-    ("end-of-life", "observability", "{observability: {enabled: true}}"),
-    ("end-of-life", "observability", "{observability_only: true}"),
     ("device-access", "nodes.n.devices.0", "{image: a, nodes: {n: {devices: [/dev/a]}}}"),
 ]
 

@@ -66,7 +66,5 @@ def test_it_has_no_error_and_four_warnings() -> None:
     assert [f.kind for f in result.errors] == []
     assert [f.kind for f in result.warnings] == [
         "surge",
-        "end-of-life",
         "clear-password",
-        "end-of-life",
     ]

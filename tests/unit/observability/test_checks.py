@@ -8,7 +8,6 @@ from rigel_k8s.observability.checks import check
 
 from .shapes import options
 
-PROMTAIL = "collector: promtail"
 WRONG = [
     ("bad-duration", "loki.retention", "{loki: {retention: 12h}}"),
     ("bad-duration", "prometheus.retention", "{prometheus: {retention: 0s}}"),
@@ -28,10 +27,12 @@ WARNINGS = [
     ("not-used", "grafana.values", "{grafana: {values: {a: 1}}}"),
     ("clear-password", "grafana.admin_password", "{grafana: {admin_password: x}}"),
     ("not-used", "alloy", "{alloy: {image: a}}"),
+    ("not-used", "otel_collector", "{collector: alloy, otel_collector: {image: a}}"),
+    ("otlp-labels", "existing.loki", "{existing: {loki: {url: 'http://loki.logging:3100'}}}"),
     (
         "not-used",
         "loki",
-        "{loki: {retention: 7d}, existing: {loki: {url: 'http://loki.logging:3100'}}}",
+        "{collector: otel-collector, loki: {retention: 7d}, existing: {loki: {url: 'http://l:1'}}}",
     ),
     (
         "not-used",
@@ -40,6 +41,9 @@ WARNINGS = [
     ),
 ]
 RIGHT = [
+    "{enabled: true}",
+    "{collector: promtail, promtail: {image: a}}",
+    "{collector: alloy, existing: {loki: {url: 'http://loki.logging:3100'}}}",
     "{}",
     "{loki: {retention: 1d}}",
     "{loki: {retention: 0}}",
@@ -52,10 +56,7 @@ RIGHT = [
 
 def told(text: str, severity: str) -> set[tuple[str, str]]:
     """Return (kind, place) of all problems of a severity."""
-    chosen = (
-        text if "collector" in text else f"{text[:-1]}{', ' if text != '{}' else ''}{PROMTAIL}}}"
-    )
-    found = [p for p in check(options(chosen)) if p.severity == severity]
+    found = [p for p in check(options(text)) if p.severity == severity]
     assert all(problem.message for problem in found)
     return {(p.kind, ".".join(map(str, p.path))) for p in found}
 
@@ -77,13 +78,3 @@ def test_what_has_no_effect_is_a_warning(kind: str, place: str, text: str) -> No
 def test_what_is_right_is_told_nothing_of(text: str) -> None:
     """No word about what works."""
     assert told(text, "error") | told(text, "warning") == set()
-
-
-def test_promtails_end_is_told_until_somebody_chooses() -> None:
-    """Once, for the default; who has chosen a collector knows."""
-    said = {p.kind: p for p in check(options("{}"))}
-    assert "alloy" in said["end-of-life"].message
-    assert said["end-of-life"].severity == "warning"
-    for chosen in ("collector: promtail", "collector: alloy", "loki: {enabled: false}"):
-        assert list(check(options(chosen))) == []
-    assert list(check(options("enabled: false"))) == []

@@ -48,6 +48,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "alloy-existing": (f"collector: alloy\n{EXISTING}", {}),
     "no-storage": ("{grafana: {enabled: false}, network_policies: false}", {"claims": False}),
     "logs-only": ("{prometheus: {enabled: false}, grafana: {enabled: false}}", {}),
+    "promtail": ("collector: promtail", {}),
     "metrics-only": ("{loki: {enabled: false}, ros_metrics: false}", {}),
 }
 
@@ -80,12 +81,12 @@ def test_no_two_objects_are_one(case: str) -> None:
 
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_no_program_has_rights_on_its_machine(case: str) -> None:
-    """Nobody but Promtail is root, none keeps a capability, none writes where it is not told to."""
+    """Only what reads the machines' files is root; none keeps a capability or writes elsewhere."""
     workloads = [o for o in made(case).objects if o["kind"] in ("Deployment", "DaemonSet")]
     assert workloads
     for item in workloads:
         pod = item["spec"]["template"]["spec"]
-        root = item["metadata"]["name"] == "promtail"
+        root = item["metadata"]["name"] in ("otel-collector", "promtail")
         assert pod["securityContext"].get("runAsNonRoot", False) is not root
         assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
         (container,) = pod["containers"]

@@ -1,7 +1,8 @@
-"""What makes an entry of several lines, and its level; both collectors read these expressions."""
+"""What makes an entry of several lines, and its level; all collectors read these expressions."""
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -48,7 +49,6 @@ OWN = {
     "level=info ts=2026-11-21T10:00:00Z msg=x": "info",
     "time=2026-11-21T10:00:00Z level=ERROR source=main.go msg=x": "error",
 }
-WORDS = {"warning": "warn", "critical": "fatal", "trace": "debug"}
 
 
 def collected(line: str) -> str:
@@ -56,7 +56,7 @@ def collected(line: str) -> str:
     for form in lines.LEVEL_FORMS:
         if found := re.search(form, line):
             word = found["level"].lower()
-            return WORDS.get(word, word)
+            return lines.LEVEL_WORDS.get(word, word)
     return "error" if re.search(lines.TRACEBACK, line) else ""
 
 
@@ -96,13 +96,38 @@ def begins(line: str) -> bool:
 
 
 def test_the_labels_are_those_of_the_contract() -> None:
-    """Both collectors drop every other label that they make themselves."""
-    made = yaml.safe_load(config(release("{}"), "promtail", "promtail.yaml"))
+    """Each collector drops every other label that it makes itself, and Loki has the same list."""
+    made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
+    statements = made["processors"]["transform/labels"]["log_statements"]
+    names = json.dumps([*LABELS, "level"])
+    assert f"keep_keys(resource.attributes, {names})" in statements
+    loki = yaml.safe_load(config(release("{}"), "loki", "loki.yaml"))["limits_config"]
+    (indexed,) = loki["otlp_config"]["resource_attributes"]["attributes_config"]
+    assert indexed == {"action": "index_label", "attributes": [*LABELS, "level"]}
+    made = yaml.safe_load(config(release("collector: promtail"), "promtail", "promtail.yaml"))
     (scrape,) = made["scrape_configs"]
     assert scrape["pipeline_stages"][-1] == {"labelallow": [*LABELS, "level"]}
     text = config(release("collector: alloy"), "alloy", "config.alloy")
     kept = ", ".join(f'"{name}"' for name in [*LABELS, "level"])
     assert f"stage.label_keep {{\n    values = [{kept}]" in text
+
+
+def test_the_collector_reads_expressions_as_they_are() -> None:
+    """It replaces `$NAME` and `${NAME}` in its configuration, except where a `$` is doubled."""
+    text = config(release("{}"), "otel-collector", "collector.yaml")
+    assert "$" in "".join((*lines.LEVEL_FORMS, lines.GOES_ON, lines.TRACEBACK))
+    assert set(re.findall(r"(?<!\$)\$(?:\$\$)*(?!\$).{5}", text)) == {"${env:"}
+
+
+def test_no_line_is_dropped_while_loki_does_not_answer() -> None:
+    """No queue, which a killed collector would lose, and no end of trying again."""
+    made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
+    exporter, files = made["exporters"]["otlp_http"], made["receivers"]["file_log"]
+    assert exporter["sending_queue"] == {"enabled": False}
+    assert exporter["retry_on_failure"]["max_elapsed_time"] == "0s"
+    assert files["retry_on_failure"] == {"enabled": True, "max_elapsed_time": "0s"}
+    assert files["storage"] in made["service"]["extensions"]
+    assert made["service"]["pipelines"]["logs"]["processors"][-1] == "transform/labels"
 
 
 def test_only_pods_of_releases_are_read_unless_all_are_asked_for() -> None:
@@ -115,3 +140,10 @@ def test_only_pods_of_releases_are_read_unless_all_are_asked_for() -> None:
         every = config(release(f"{{collector: {collector}, collect: all}}"), name, key)
         assert "selectors" in few
         assert "selectors" not in every
+    few, every = (
+        yaml.safe_load(config(release(f"{{collect: {which}}}"), "otel-collector", "collector.yaml"))
+        for which in ("releases", "all")
+    )
+    assert "filter/releases" in few["service"]["pipelines"]["logs"]["processors"]
+    assert "filter/releases" not in every["service"]["pipelines"]["logs"]["processors"]
+    assert "labels" not in every["processors"]["k8s_attributes"]["filter"]

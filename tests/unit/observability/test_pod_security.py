@@ -22,5 +22,5 @@ def test_only_what_reads_the_machines_needs_more() -> None:
                 spec = item["spec"]["template"]["spec"]
                 bad = list(find_violations(spec)) or list_missing(spec)
                 (refused if bad else passing).add(item["metadata"]["name"])
-    assert refused == {"promtail", "node-exporter"}
+    assert refused == {"otel-collector", "promtail", "node-exporter"}
     assert passing == {"loki", "prometheus", "grafana", "kube-state-metrics", "alloy"}

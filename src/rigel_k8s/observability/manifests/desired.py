@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.objects.refs import ref_of
@@ -13,12 +13,19 @@ from rigel_k8s.observability.manifests.grafana import grafana
 from rigel_k8s.observability.manifests.loki import loki
 from rigel_k8s.observability.manifests.machines import kube_state_metrics, node_exporter
 from rigel_k8s.observability.manifests.operator import monitoring
+from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR, otel_collector
 from rigel_k8s.observability.manifests.policies import policies
 from rigel_k8s.observability.manifests.prometheus import prometheus
-from rigel_k8s.observability.manifests.promtail import promtail
+from rigel_k8s.observability.manifests.promtail import PROMTAIL, promtail
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.types import Desired, ReleaseId
+
+COLLECTORS: Mapping[str, Callable[[Stack], Iterator[Object]]] = {
+    OTEL_COLLECTOR: otel_collector,
+    ALLOY: alloy,
+    PROMTAIL: promtail,
+}
 
 
 def stack_release(stack: Stack, options: Mapping[str, Any]) -> Desired:
@@ -43,7 +50,7 @@ def _objects(stack: Stack) -> Iterator[Object]:
     if stack.has_loki:
         yield from loki(stack)
     if stack.collector:
-        yield from alloy(stack) if stack.collector == ALLOY else promtail(stack)
+        yield from COLLECTORS[stack.collector](stack)
     if stack.has_prometheus:
         yield from prometheus(stack)
     if stack.operator is not None:

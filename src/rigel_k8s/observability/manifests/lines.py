@@ -1,6 +1,6 @@
 """How log lines become entries: which lines continue the one before, and which level they have.
 
-Both collectors use these expressions (Go's, without look-ahead), and `rigel logs` uses them
+All collectors use these expressions (Go's, without look-ahead), and `rigel logs` uses them
 without Loki (commands/logs/levels.py).
 """
 
@@ -47,11 +47,10 @@ LEVEL_FORMS = (
 #: A traceback that was printed without logging.
 TRACEBACK = r"^(?P<traceback>Traceback) \(most recent call last\):"
 #: From the word that was found to one of names.LEVELS.
+LEVEL_WORDS = {"warning": "warn", "critical": "fatal", "trace": "debug"}
+#: The same as a template of Promtail and Alloy.
 LEVEL_TEMPLATE = (
-    '{{ $word := ToLower (or .level "") }}'
-    '{{ if eq $word "warning" }}warn'
-    '{{ else if eq $word "critical" }}fatal'
-    '{{ else if eq $word "trace" }}debug'
-    "{{ else if $word }}{{ $word }}"
-    "{{ else if .traceback }}error{{ end }}"
+    '{{ $word := ToLower (or .level "") }}{{ if not $word }}{{ if .traceback }}error{{ end }}'
+    + "".join(f'{{{{ else if eq $word "{word}" }}}}{level}' for word, level in LEVEL_WORDS.items())
+    + "{{ else }}{{ $word }}{{ end }}"
 )

@@ -11,7 +11,7 @@ from rigel_k8s.observability.manifests.frame import Object, container, http_prob
 from rigel_k8s.observability.manifests.images import LOKI_IMAGE
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
-from rigel_k8s.observability.names import LOKI, LOKI_PORT
+from rigel_k8s.observability.names import LABELS, LOKI, LOKI_PORT
 
 RETENTION = "7d"
 SIZE = "10Gi"
@@ -88,6 +88,14 @@ def _limits(stack: Stack) -> Object:
         # The labels are those of the contract, and the collector detects the level.
         "discover_service_name": [],
         "discover_log_levels": False,
+        "otlp_config": {
+            "resource_attributes": {
+                "ignore_defaults": True,
+                "attributes_config": [
+                    {"action": "index_label", "attributes": [*LABELS, "level"]},
+                ],
+            }
+        },
         # When a cluster of robots is back, few machines send many lines at once.
         "ingestion_rate_mb": 16,
         "ingestion_burst_size_mb": 32,

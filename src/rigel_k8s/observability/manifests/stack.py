@@ -9,6 +9,7 @@ import attrs
 from rigel_k8s.observability.manifests.frame import Frame
 from rigel_k8s.observability.names import LOKI, LOKI_PORT, PROMETHEUS, PROMETHEUS_PORT, RELEASE
 from rigel_k8s.observability.options import (
+    DEFAULT_COLLECTOR,
     Existing,
     ExistingGrafana,
     ExistingLoki,
@@ -16,6 +17,7 @@ from rigel_k8s.observability.options import (
     Observability,
     Part,
     Persistence,
+    collector_part,
 )
 
 
@@ -100,8 +102,8 @@ class Stack:
     @property
     def collector(self) -> str | None:
         """The name of the log collector, None for none."""
-        name = self.options.collector or "promtail"
-        return name if self.loki_url and getattr(self.options, name).enabled else None
+        name = self.options.collector or DEFAULT_COLLECTOR
+        return name if self.loki_url and collector_part(self.options, name).enabled else None
 
     @property
     def collects_all(self) -> bool:

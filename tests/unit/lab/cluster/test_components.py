@@ -145,7 +145,14 @@ def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
         (["multus"], ["multus", "whereabouts", "cni-plugins"]),
         (
             ["observability"],
-            ["loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter"],
+            [
+                "loki",
+                "promtail",
+                "otel-collector",
+                "prometheus",
+                "kube-state-metrics",
+                "node-exporter",
+            ],
         ),
         (["prometheus-operator"], ["prometheus-operator"]),
     ],

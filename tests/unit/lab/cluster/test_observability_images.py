@@ -22,6 +22,7 @@ EXTRAS = ("observability", "prometheus-operator")
 USERS = {
     names.LOKI_IMAGE: "10001",
     names.PROMTAIL_IMAGE: None,
+    names.OTEL_COLLECTOR_IMAGE: "10001",
     names.PROMETHEUS_IMAGE: "nobody",
     names.KUBE_STATE_METRICS_IMAGE: "nobody",
     names.NODE_EXPORTER_IMAGE: "nobody",
@@ -32,6 +33,7 @@ USERS = {
 STARTS = {
     names.LOKI_IMAGE: ["/usr/bin/loki", "-config.file=/etc/loki/local-config.yaml"],
     names.PROMTAIL_IMAGE: ["/usr/bin/promtail", "-config.file=/etc/promtail/config.yml"],
+    names.OTEL_COLLECTOR_IMAGE: ["/otelcol-k8s"],
     names.PROMETHEUS_IMAGE: [
         "/bin/prometheus",
         "--config.file=/etc/prometheus/prometheus.yml",
@@ -90,6 +92,7 @@ def test_what_rigel_deploys_is_what_is_offered() -> None:
     assert set(list_offered(["observability"])) == {
         images_of_stack.LOKI_IMAGE,
         images_of_stack.PROMTAIL_IMAGE,
+        images_of_stack.OTEL_COLLECTOR_IMAGE,
         images_of_stack.PROMETHEUS_IMAGE,
         images_of_stack.KUBE_STATE_METRICS_IMAGE,
         images_of_stack.NODE_EXPORTER_IMAGE,

@@ -1,0 +1,259 @@
+"""The OpenTelemetry Collector on every machine: it reads the lines of that machine's pods.
+
+It runs as root, since only root may read them, but without root's capabilities. Labels are resource
+attributes of its records; Loki's configuration (loki.py) makes labels of them again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import yaml
+
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION
+from rigel_k8s.observability.manifests import lines
+from rigel_k8s.observability.manifests.frame import (
+    FOR_EVER,
+    Object,
+    container,
+    mount,
+    rule,
+)
+from rigel_k8s.observability.manifests.images import OTEL_COLLECTOR_IMAGE
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.names import LABELS
+
+OTEL_COLLECTOR = "otel-collector"
+METRICS_PORT, HEALTH_PORT = 8888, 13133
+CONFIG = "/etc/otel-collector"
+LOGS = "/var/log/pods"
+#: How far each file was read, kept on the machine: the next pod continues where this one stops.
+#: Machines may share a disk, so each has a directory of its own.
+POSITIONS = "/var/lib/rigel-otel-collector"
+NODE = "${env:NODE_NAME}"
+DEFAULTS = {
+    "requests": {"cpu": "25m", "memory": "64Mi"},
+    "limits": {"memory": "256Mi"},
+}
+MEMORY = "limits.memory"
+
+
+def otel_collector(stack: Stack) -> Iterator[Object]:
+    """Yield the collector's objects."""
+    frame = stack.frame
+    texts = {"collector.yaml": configuration(stack)}
+    config = frame.config_map(OTEL_COLLECTOR, texts, OTEL_COLLECTOR)
+    yield frame.account(OTEL_COLLECTOR)
+    yield from frame.rights(OTEL_COLLECTOR, [rule("", ["pods"], ["get", "list", "watch"])])
+    yield config
+    yield frame.daemon_set(OTEL_COLLECTOR, _pod(stack), [config])
+
+
+def configuration(stack: Stack) -> str:
+    """Return collector.yaml.
+
+    No queue stands between files and Loki: while Loki does not answer, reading waits, and a
+    collector that ends meanwhile has lost nothing.
+    """
+    chosen = [] if stack.collects_all else ["filter/releases"]
+    made: Object = {
+        "extensions": {
+            "health_check": {"endpoint": f"0.0.0.0:{HEALTH_PORT}"},
+            "file_storage": {"directory": f"{POSITIONS}/{NODE}", "create_directory": True},
+            **_login(stack),
+        },
+        "receivers": {"file_log": _files()},
+        "processors": {
+            "memory_limiter": {"check_interval": "1s", "limit_percentage": 80},
+            "k8s_attributes": _metadata(stack),
+            **{name: {"error_mode": "ignore", **FOREIGN} for name in chosen},
+            "transform/labels": {"error_mode": "ignore", "log_statements": list(_statements())},
+        },
+        "exporters": {"otlp_http": _exporter(stack)},
+        "service": {
+            "extensions": ["health_check", "file_storage", *_login(stack)],
+            "telemetry": {
+                "logs": {"level": "warn", "disable_stacktrace": True},
+                "metrics": {"readers": [{"pull": {"exporter": {"prometheus": METRICS}}}]},
+            },
+            "pipelines": {
+                "logs": {
+                    "receivers": ["file_log"],
+                    "processors": ["memory_limiter", "k8s_attributes", *chosen, "transform/labels"],
+                    "exporters": ["otlp_http"],
+                }
+            },
+        },
+    }
+    return yaml.safe_dump(made, sort_keys=False, width=100_000)
+
+
+#: Names as Prometheus' own clients have them.
+METRICS = {
+    "host": "0.0.0.0",
+    "port": METRICS_PORT,
+    "without_scope_info": True,
+    "without_type_suffix": True,
+    "without_units": True,
+}
+#: Lines of pods that belong to no release.
+FOREIGN = {"log_conditions": ['resource.attributes["application"] == nil']}
+
+
+def _files() -> Object:
+    return {
+        "include": [f"{LOGS}/*/*/*.log"],
+        "start_at": "beginning",
+        "include_file_path": True,
+        "include_file_name": False,
+        "poll_interval": "500ms",
+        "storage": "file_storage",
+        "retry_on_failure": {"enabled": True, "max_elapsed_time": "0s"},
+        "resource": {"node": NODE},
+        "operators": list(_operators()),
+    }
+
+
+def _operators() -> Iterator[Object]:
+    """Yield what makes entries of lines, and finds their level."""
+    yield {"type": "container"}
+    goes_on = " or ".join(matches(form) for form in (r"^(?:\s|$)", lines.GOES_ON))
+    yield {
+        "type": "recombine",
+        "combine_field": "body",
+        "is_first_entry": f"not ({goes_on})",
+        "source_identifier": 'attributes["log.file.path"]',
+        "max_batch_size": lines.LONGEST,
+        "max_log_size": "1MiB",
+        "force_flush_period": lines.WAIT,
+    }
+    for form in (*lines.LEVEL_FORMS, lines.TRACEBACK):
+        # It is no error that a line has another form.
+        yield {"type": "regex_parser", "regex": escape(form), "on_error": "send_quiet"}
+    word = "lower(attributes.level)"
+    level = f'attributes.level == nil ? "error" : {json.dumps(lines.LEVEL_WORDS)}[{word}] ?? {word}'
+    yield {
+        "type": "add",
+        "if": "attributes.level != nil or attributes.traceback != nil",
+        "field": "resource.level",
+        "value": f"EXPR({level})",
+    }
+
+
+def matches(form: str) -> str:
+    """Return an expression that is true for a body of this form."""
+    return f"body matches {escape(json.dumps(form))}"
+
+
+def escape(text: str) -> str:
+    """Return a text in which the collector replaces no variables."""
+    return text.replace("$", "$$")
+
+
+def _metadata(stack: Stack) -> Object:
+    """Return what is read of a line's pod, which is found by the UID in its file's path."""
+    chosen: Object = {"node_from_env_var": "NODE_NAME"}
+    if not stack.collects_all:
+        chosen["labels"] = [{"key": RELEASE_LABEL, "op": "exists"}]
+    return {
+        "filter": chosen,
+        "extract": {
+            "metadata": ["k8s.pod.uid"],
+            "labels": [
+                {"tag_name": "application", "key": RELEASE_LABEL, "from": "pod"},
+                {"tag_name": "workload", "key": NAME_LABEL, "from": "pod"},
+            ],
+            "annotations": [{"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"}],
+        },
+        "pod_association": [
+            {"sources": [{"from": "resource_attribute", "name": "k8s.pod.uid"}]},
+        ],
+        "wait_for_metadata": True,
+        "wait_for_metadata_timeout": "60s",
+        "watch_sync_period": "0s",
+    }
+
+
+def _statements() -> Iterator[str]:
+    """Yield what leaves only the contract's labels, under their names."""
+    for label in ("namespace", "pod", "container"):
+        source = f'resource.attributes["k8s.{label}.name"]'
+        yield f'set(resource.attributes["{label}"], {source}) where {source} != nil'
+    yield f"keep_keys(resource.attributes, {json.dumps([*LABELS, 'level'])})"
+    yield "keep_keys(log.attributes, [])"
+    yield "set(log.observed_time_unix_nano, 0)"
+
+
+def _exporter(stack: Stack) -> Object:
+    """Return where lines go; while it does not answer, they wait, and none is dropped."""
+    made: Object = {
+        "endpoint": f"{stack.loki_url}/otlp",
+        "sending_queue": {"enabled": False},
+        "retry_on_failure": {
+            "initial_interval": "500ms",
+            "max_interval": "5s",
+            "max_elapsed_time": "0s",
+        },
+    }
+    loki = stack.other_loki
+    if loki and loki.tenant:
+        made["headers"] = {"X-Scope-OrgID": escape(loki.tenant)}
+    if loki and loki.secret:
+        made["auth"] = {"authenticator": LOGIN}
+    return made
+
+
+LOGIN = "basicauth/loki"
+
+
+def _login(stack: Stack) -> Object:
+    if not (stack.other_loki and stack.other_loki.secret):
+        return {}
+    account = {"username": "${env:LOKI_USER}", "password": "${env:LOKI_PASSWORD}"}
+    return {LOGIN: {"client_auth": account}}
+
+
+def _pod(stack: Stack) -> Object:
+    health = {"httpGet": {"path": "/", "port": "health"}, "timeoutSeconds": 5}
+    main = container(
+        OTEL_COLLECTOR,
+        stack.options.otel_collector,
+        OTEL_COLLECTOR_IMAGE,
+        DEFAULTS,
+        args=[f"--config={CONFIG}/collector.yaml"],
+        env=list(_environment(stack)),
+        ports=[
+            {"name": "http", "containerPort": METRICS_PORT},
+            {"name": "health", "containerPort": HEALTH_PORT},
+        ],
+        volumeMounts=[
+            mount("config", CONFIG, read_only=True),
+            mount("logs", LOGS, read_only=True),
+            mount("positions", POSITIONS),
+        ],
+        startupProbe={**health, "periodSeconds": 2, "failureThreshold": FOR_EVER},
+        readinessProbe={**health, "periodSeconds": 10},
+    )
+    return {
+        "serviceAccountName": OTEL_COLLECTOR,
+        "automountServiceAccountToken": True,
+        "securityContext": {"runAsUser": 0, "seccompProfile": {"type": "RuntimeDefault"}},
+        "containers": [main],
+        "volumes": [
+            {"name": "config", "configMap": {"name": OTEL_COLLECTOR}},
+            {"name": "logs", "hostPath": {"path": LOGS, "type": "DirectoryOrCreate"}},
+            {"name": "positions", "hostPath": {"path": POSITIONS, "type": "DirectoryOrCreate"}},
+        ],
+    }
+
+
+def _environment(stack: Stack) -> Iterator[Object]:
+    yield {"name": "NODE_NAME", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}
+    # The garbage collector works harder if the container's limit is near.
+    yield {"name": "GOMEMLIMIT", "valueFrom": {"resourceFieldRef": {"resource": MEMORY}}}
+    if stack.other_loki and stack.other_loki.secret:
+        for name, key in (("LOKI_USER", "username"), ("LOKI_PASSWORD", "password")):
+            source = {"secretKeyRef": {"name": str(stack.other_loki.secret), "key": key}}
+            yield {"name": name, "valueFrom": source}

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+
+from tests.support.golden import Golden
 
 from .shapes import GOLDEN, release
 
@@ -20,15 +22,18 @@ FILES = {
 DIGEST = "sha256:" + "ab" * 32
 
 
+def make(case: str) -> Iterable[Any]:
+    """Return the objects of a case."""
+    return release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES).objects
+
+
+FOLDER = Golden(GOLDEN, make, ("nodes", "src-plugin", "ros2-nodes"))
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
     """The same options give the same objects, to the last field."""
-    made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
-    text = yaml.safe_dump_all(made.objects, sort_keys=False, width=100)
-    golden = GOLDEN / f"{case}.yaml"
-    if update_golden:
-        golden.write_text(text, "utf-8")
-    assert text == golden.read_text("utf-8")
+    FOLDER.compare(case, update=update_golden)
 
 
 @pytest.mark.parametrize("case", CASES)

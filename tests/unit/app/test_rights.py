@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections import defaultdict
 from pathlib import Path
@@ -13,12 +14,11 @@ from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
 from rigel_k8s.objects.rights import find_missing, make_rules
 from rigel_k8s.release.refusals.rights import find_resource, need_for
 
-GOLDEN = Path(__file__).parent / "golden"
+from .test_golden import CASES, FOLDER
 
 
 def read_shapes() -> list[Any]:
-    texts = (f.read_text() for f in GOLDEN.glob("*.yaml") if not f.name.endswith(".with.yaml"))
-    return [item for text in texts for item in yaml.safe_load_all(text) if item]
+    return [copy.deepcopy(item) for case in CASES for item in FOLDER.make(case)]
 
 
 def test_a_deployer_may_do_all_that_any_application_needs() -> None:

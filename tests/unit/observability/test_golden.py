@@ -8,7 +8,7 @@ import pytest
 
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.types import Desired
-from rigel_k8s.yaml_text import documents
+from tests.support.golden import Golden
 
 from .shapes import GOLDEN, release
 
@@ -59,14 +59,13 @@ def made(case: str) -> Desired:
     return release(text, **more)
 
 
+FOLDER = Golden(GOLDEN, lambda case: made(case).objects, ("default", "everything"))
+
+
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
     """The same options give the same objects, to the last field."""
-    text = documents(made(case).objects)
-    golden = GOLDEN / f"{case}.yaml"
-    if update_golden:
-        golden.write_text(text, "utf-8")
-    assert text == golden.read_text("utf-8")
+    FOLDER.compare(case, update=update_golden)
 
 
 @pytest.mark.parametrize("case", sorted(CASES))

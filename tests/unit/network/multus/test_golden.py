@@ -12,7 +12,7 @@ from rigel_k8s.network.multus.platform import Platform, platform
 from rigel_k8s.network.multus.recognition import Group
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.yaml_text import documents
+from tests.support.golden import Golden
 
 GOLDEN = Path(__file__).parent / "golden"
 SCRIPT = "# machine.sh\n"
@@ -55,26 +55,30 @@ def objects(installation: Installation) -> list[Any]:
     return [item for item in found if item["kind"] not in ALIKE]
 
 
+def make(case: str) -> list[Any]:
+    """Return what a file has; "alike": what does not depend on the kind of cluster."""
+    if case != "alike":
+        return objects(CASES[case])
+    found = network_release(CASES["plain"], SCRIPT).objects
+    return [item for item in found if item["kind"] in ALIKE]
+
+
+FOLDER = Golden(GOLDEN, make, ("alike", "plain"))
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_installations_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
     """Each kind of cluster gets what its golden file says."""
-    compare(case, objects(CASES[case]), update=update_golden)
+    FOLDER.compare(case, update=update_golden)
 
 
 def test_kinds_and_rights_are_those_of_the_golden_file(*, update_golden: bool) -> None:
     """Definitions and rights are the same everywhere."""
     found = network_release(CASES["plain"], SCRIPT).objects
-    compare("alike", [i for i in found if i["kind"] in ALIKE], update=update_golden)
+    FOLDER.compare("alike", update=update_golden)
     for case in ("k3s", "microk8s", "kind"):
         there = network_release(CASES[case], SCRIPT).objects
         assert [i for i in there if i["kind"] in ALIKE] == [i for i in found if i["kind"] in ALIKE]
-
-
-def compare(case: str, found: list[Any], *, update: bool) -> None:
-    golden, text = GOLDEN / f"{case}.yaml", documents(found)
-    if update:
-        golden.write_text(text, "utf-8")
-    assert text == golden.read_text("utf-8")
 
 
 def test_golden_files_have_their_case() -> None:

@@ -63,8 +63,3 @@ class Muto:
     def access(self) -> Access:
         """How to log in there."""
         return Access(self.token, self.user, self.password)
-
-
-def muto_of(written: Muto | str | None) -> Muto | None:
-    """Return the options; a word is short for its `stack`."""
-    return Muto(stack=written) if isinstance(written, str) else written

@@ -23,7 +23,7 @@ from rigel_k8s.errors import RigelK8sError
 
 INTERRUPTED = 130
 
-#: Command -> (module of this package, one line of help), in the order of the help.
+#: Command -> (module, one line of help), in the order of the help.
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
     "check": ("rigelfiles", "Report all problems of the Rigelfile at once."),
@@ -47,7 +47,6 @@ COMMANDS = {
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
-    "muto": ("rigel_muto.cli", "Use stacks of Eclipse Muto, and take its commands."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
@@ -56,18 +55,27 @@ COMMANDS = {
 }
 
 
+def list_all_commands() -> dict[str, tuple[str, str]]:
+    """Return the table with the rows that other packages add."""
+    from rigel_k8s.installed import find, list_names
+
+    added = sorted(list_names("rigel_k8s.commands") - COMMANDS.keys())
+    return COMMANDS | {name: find("rigel_k8s.commands", name) for name in added}
+
+
 class Commands(click.Group):
     """A group whose commands' modules are imported when a command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return all names, in the table's order."""
-        return list(COMMANDS)
+        """Return all names."""
+        return list(list_all_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command, None if the name is unknown."""
-        if cmd_name not in COMMANDS:
+        row = COMMANDS.get(cmd_name) or list_all_commands().get(cmd_name)
+        if row is None:
             return None
-        name = COMMANDS[cmd_name][0]
+        name = row[0]
         module = import_module(name if "." in name else f"rigel_k8s.cli.{name}")
         known = vars(module)  # `exec` and `list` are Python's own names
         command: click.Command = known.get(cmd_name) or known[f"{cmd_name}_"]
@@ -80,15 +88,18 @@ class Commands(click.Group):
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             from difflib import get_close_matches
 
-            close = get_close_matches(args[0], COMMANDS, n=1)
-            meant = f' Did you mean "{close[0]}"?' if close else ""
-            raise click.UsageError(f'Unknown command "{args[0]}".{meant}', ctx)
+            known = self.list_commands(ctx)
+            if args[0] not in known:
+                close = get_close_matches(args[0], known, n=1)
+                meant = f' Did you mean "{close[0]}"?' if close else ""
+                raise click.UsageError(f'Unknown command "{args[0]}".{meant}', ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table without importing anything."""
+        """Write the table without importing any command."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+            rows = list_all_commands().items()
+            formatter.write_dl([(name, text) for name, (_, text) in rows])
 
 
 @click.group(

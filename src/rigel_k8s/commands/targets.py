@@ -19,7 +19,6 @@ from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
@@ -308,7 +307,7 @@ def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
 
 def is_agent(spec: ComponentSpec) -> bool:
     """Return whether a job deploys Muto's agent, which is a release of its own."""
-    return spec.plugin in index_by_name("job")["muto-agent"].names
+    return spec.plugin in ("muto-agent", "rigel_k8s.MutoAgentPlugin")
 
 
 def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:

@@ -15,6 +15,7 @@ import attrs
 
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile.ended import find_replacement
 from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
@@ -247,6 +248,10 @@ class _Structurer:
             if has_template(key):
                 yield None
                 continue
+            if replacement := find_replacement((*path, key)):
+                message = f'the option "{key}" ended: {replacement}'
+                self.problems.append(Problem((*path, key), message, "ended", at_key=True))
+                continue
             few = len(self.problems) < MOST_SUGGESTIONS  # the search for a similar key takes long
             absent = [name for name in known if name not in node.value]
             absent += [field.key for field in list_added_fields(cls)] if few else []
@@ -322,6 +327,9 @@ class _Structurer:
         try:
             return scalar(node, kind)
         except Mismatch as found:
+            if replacement := find_replacement((*path, str(node.value))):
+                message = f'the value "{node.value}" ended: {replacement}'
+                return self._report(path, message, "ended")
             return self._report_mismatch(found, path)
 
     def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:

@@ -453,7 +453,6 @@ ON_MACHINE = {
     "network: host": set(),
     "network: none": set(),
     LAN: {("conflict", "nodes.n.host_network")},
-    LAN.replace("macvlan", "ipvlan"): {("conflict", "nodes.n.host_network")},
     "network: {mode: attachment, attachment: a}": {("conflict", "nodes.n.host_network")},
 }
 

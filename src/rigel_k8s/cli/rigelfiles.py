@@ -30,25 +30,22 @@ def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 
 
 
 @click.command()
-@click.option("--rigel03", is_flag=True, help="Report also what Rigel 0.3 does not accept.")
 @json_option
 @click.pass_context
-def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FBT001 - see init
+def check(ctx: click.Context, /, output: str) -> int:
     """Report all problems of the Rigelfile, with their places. Exit code 2 if there is one."""
     from rigel_k8s.commands import rigelfiles as actions
 
-    results = [actions.check(settings(ctx))]
-    if rigel03:
-        results.append(actions.check_rigel03(settings(ctx)))
-    failed = any(result.errors for result in results)
+    result = actions.check(settings(ctx))
+    failed = bool(result.errors)
     if output == "json":
-        print_json([finding_json(r.source.name, f) for r in results for f in r.findings])
+        print_json([finding_json(result.source.name, finding) for finding in result.findings])
         return 2 if failed else 0
     width = find_width(sys.stdout)
-    for text in dict.fromkeys(text for result in results for text in result.render_findings(width)):
+    for text in result.render_findings(width):
         click.echo(text)
     if not failed and not is_quiet(ctx):
-        click.echo(f"{results[0].source.name}: no problems")
+        click.echo(f"{result.source.name}: no problems")
     return 2 if failed else 0
 
 

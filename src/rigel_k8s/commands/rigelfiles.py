@@ -81,12 +81,6 @@ def check(settings: Settings) -> CheckResult:
     return attrs.evolve(result, findings=sort_findings(found))
 
 
-def check_rigel03(settings: Settings) -> CheckResult:
-    """Return what Rigel 0.3 would refuse or read differently."""
-    require(settings.rigelfile)
-    return grammar.rigel03(settings.rigelfile, os.environ)
-
-
 def init(path: Path, *, ros: str, force: bool) -> None:
     """Write a commented Rigelfile.
 

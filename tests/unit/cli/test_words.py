@@ -365,15 +365,6 @@ def test_check_tells_in_json(starter: Path) -> None:
     assert line[finding["column"] - 1 :].startswith("deploy_ros: true")
 
 
-def test_check_for_rigel_0_3(starter: Path) -> None:
-    """--rigel03 adds what Rigel would not take; without it the same file is fine."""
-    starter.write_text(starter.read_text().replace("  demo:\n", "  demo:\n    description: all\n"))
-    assert CliRunner().invoke(cli, ["check"], standalone_mode=False).return_value == 0
-    done = CliRunner().invoke(cli, ["check", "--rigel03"], standalone_mode=False)
-    assert done.return_value == 2
-    assert "description" in done.stdout
-
-
 def test_schema_is_json(starter: Path) -> None:
     """An editor can load it."""
     done = CliRunner().invoke(cli, ["schema"], catch_exceptions=False)

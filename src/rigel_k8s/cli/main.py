@@ -5,6 +5,7 @@ Commands are imported when they are called: `rigel --help` costs little more tha
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import sys
@@ -19,9 +20,11 @@ import click
 from rigel_k8s import __version__, signals
 from rigel_k8s.cli.colors import choose_color
 from rigel_k8s.cli.width import find_width, wrap
-from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.errors import ClusterError, RigelK8sError
 
 INTERRUPTED = 130
+#: What a write to standard output fails with where nothing more fits: a full disk, a quota.
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 #: Command -> (module, one line of help), in the order of the help.
 COMMANDS = {
@@ -164,6 +167,9 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     # A thousand nodes are a million values, and all of them are kept: searching them for garbage
     # again and again would take as long as the work, and longer the more nodes there are.
     gc.set_threshold(100_000, 50, 50)
+    if not open_streams():
+        click.echo("error: standard output is closed; to discard it, use > /dev/null", err=True)
+        sys.exit(1)
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and name is None and words[:1] in (["init"], ["run"]):
         from rigel_k8s.compat import handover
@@ -180,6 +186,21 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     if arguments is None:
         leave(code)
     sys.exit(code)
+
+
+def open_streams() -> bool:
+    """Open standard error if it is closed, and return whether standard output is open.
+
+    A connection or a file would otherwise get its number, and what is written to it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w")
+    return sys.stdout is not None
 
 
 def leave(code: int) -> NoReturn:
@@ -221,6 +242,11 @@ def run(words: list[str], name: str | None) -> int:
         # The reader of our output has ended (`| head`): this is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.errno not in FULL or error.filename is not None:
+            return report_bug()
+        show(ClusterError(f"cannot write the output: {error.strerror}"))
+        return 1
     except Exception:
         return report_bug()
 

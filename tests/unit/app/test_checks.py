@@ -83,6 +83,7 @@ WRONG_NODES = [
     ("conflict", "package", "n", "{command: b, package: a, executable: b}"),
     ("bad-command", "args", "n", '{args: "a \'b"}'),
     ("bad-command", "args", "n", "{args: []}"),
+    ("bad-command", "args", "n", f"{{args: {'a' * (2**17 + 1)}}}"),
     ("not-appendable", "parameters", "n", "{parameters: {a: 1}}"),
     ("not-appendable", "remappings", "n", "{remappings: {a: b}}"),
     ("not-appendable", "parameter_files", "n", "{parameter_files: [a.yaml]}"),

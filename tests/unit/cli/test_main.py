@@ -184,3 +184,20 @@ def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Pat
         assert out.read_text().endswith("cleaned up\n")
         assert (out.stat().st_size > 10_000) == (word == "schema")
         assert ("Unknown command" in done.stderr) == (word == "statsu")
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "error"),
+    [
+        ("version >&-", 1, "error: standard output is closed; to discard it, use > /dev/null\n"),
+        ("version > /dev/full", 1, "error: cannot write the output: No space left on device\n"),
+        ("schema > /dev/full", 1, "error: cannot write the output: No space left on device\n"),
+        ("-f /nowhere/Rigelfile check 2>&-", 2, ""),
+        ("explain mtu <&- > /dev/null", 0, ""),
+    ],
+)
+def test_closed_and_full_streams_are_no_bugs(line: str, code: int, error: str) -> None:
+    """One line at most, and the exit code that the command has otherwise."""
+    command = f"{sys.executable} -m rigel_k8s {line}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, error)

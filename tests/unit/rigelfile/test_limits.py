@@ -118,6 +118,7 @@ FILES = {
     + "]}}}\n",
     "one long line of mistakes": HEAD
     + f"jobs: {{{', '.join(f'{{a{n}: {{}}}}: x' for n in range(9000))}}}\n",
+    "long command lines": HEAD + DEPLOY.replace("[b]", "a" * 3_000_000) % "",
     "many servers": HEAD
     + "jobs:\n  d:\n    plugin: rigel_k8s.OrchestrationPlugin\n    with:\n      deployment_name: d\n"
     + "      ros: 2\n      network: {mode: discovery-server, servers: 2147483647}\n"

@@ -74,7 +74,8 @@ def _translate(
     at = locate(written, ("stack",))
     try:
         ask = _choose_twin(options, surroundings)
-        stack, find = open_stack(options.name, surroundings.directory, surroundings.home, ask)
+        home, chosen = surroundings.home, options.references
+        stack, find = open_stack(options.name, surroundings.directory, home, ask, chosen)
         made = translate(stack, given, find)
         return made if own else require_nodes(stack, made)
     except NotAsked:

@@ -24,6 +24,9 @@ class Muto:
         " text as a data URL, `data:;base64,TEXT`"
     )
     args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
+    references: Mapping[str, str] = option(
+        "the files of stacks whose ids several files have, by id", {}
+    )
     strict: bool = option("refuse a stack of which something is not carried over", default=False)
     twin_url: str | None = option(
         "a Ditto whose things are stacks, asked for what no file has: what stands before"

@@ -21,7 +21,7 @@ DOCKERFILE = "Dockerfile"
 #: Next to the Dockerfile, under the name that Rigel uses.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"
 
-_PYTHON2_DISTROS = ROS1 - {"noetic"}
+_PYTHON2_DISTROS = ROS1.keys() - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
 #: Debian's colcon only recommends the packages that it cannot work without.
 _COLCON_PARTS = (

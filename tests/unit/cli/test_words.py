@@ -295,7 +295,7 @@ def test_init_writes_one_for_ros2_too(starter: Path) -> None:
     CliRunner().invoke(cli, ["init", "--ros", "2", "--force"], catch_exceptions=False)
     done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
     assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
-    assert "distro: jazzy" in starter.read_text()
+    assert "distro: lyrical" in starter.read_text()
 
 
 @pytest.mark.parametrize("ros", ["1", "2"])

@@ -20,7 +20,7 @@ import click
 from rigel_k8s import __version__, signals
 from rigel_k8s.cli.colors import choose_color
 from rigel_k8s.cli.width import find_width, wrap
-from rigel_k8s.errors import ClusterError, RigelK8sError
+from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 
 INTERRUPTED = 130
 #: What a write to standard output fails with where nothing more fits: a full disk, a quota.
@@ -66,6 +66,19 @@ def list_all_commands() -> dict[str, tuple[str, str]]:
     return COMMANDS | {name: find("rigel_k8s.commands", name) for name in added}
 
 
+#: What other tools call a command.
+OTHER_WORDS = {
+    **dict.fromkeys(("apply", "deploy", "install", "start", "up", "upgrade"), "run"),
+    **dict.fromkeys(("describe", "get", "ps"), "status"),
+    **dict.fromkeys(("delete", "destroy", "remove", "rm", "stop", "uninstall"), "down"),
+    **dict.fromkeys(("hz", "node", "nodes", "rosnode", "rostopic", "topic", "topics"), "graph"),
+    **dict.fromkeys(("lint", "validate"), "check"),
+    **dict.fromkeys(("attach", "shell", "ssh"), "exec"),
+    **{"ls": "list", "plan": "diff", "port-forward": "forward", "template": "render"},
+    **{"stats": "top", "undo": "rollback", "web": "ui"},
+}
+
+
 class Commands(click.Group):
     """A group whose commands' modules are imported when a command is called."""
 
@@ -93,9 +106,10 @@ class Commands(click.Group):
 
             known = self.list_commands(ctx)
             if args[0] not in known:
-                close = get_close_matches(args[0], known, n=1)
-                meant = f' Did you mean "{close[0]}"?' if close else ""
-                raise click.UsageError(f'Unknown command "{args[0]}".{meant}', ctx)
+                other = OTHER_WORDS.get(args[0])
+                close = [other] if other else get_close_matches(args[0], known, n=1)
+                meant = f', did you mean "{close[0]}"?' if close else ""
+                raise click.UsageError(f'unknown command "{args[0]}"{meant}', ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -231,7 +245,15 @@ def run(words: list[str], name: str | None) -> int:
         click.echo(error.format_message())
         return 0
     except click.ClickException as error:
-        error.show()
+        message = error.format_message().rstrip(".")
+        path = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else ""
+        show(
+            UserError(
+                message[:1].lower() + message[1:],
+                hint=f"`{path} --help` shows how it is used" if path else None,
+            ),
+            color=choose_color(no_color=bool(options.get("no_color"))),
+        )
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         # The cursor is behind a ^C, or behind the question that Ctrl-D has ended.
@@ -280,8 +302,10 @@ def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = Non
     click.echo(wrap(error.message, sys.stderr, len("error: ")), err=True)
     margin = "  "
     for detail in error.fit_details(find_width(sys.stderr) - len(margin)):
-        for line in detail.splitlines():
+        message, *snippet = detail.splitlines() or [""]
+        click.echo(f"{margin}{wrap(message, sys.stderr, len(margin), margin)}", err=True)
+        for line in snippet:
             click.echo(f"{margin}{line}", err=True)
     if error.hint:
         click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True, color=color)
-        click.echo(error.hint, err=True)
+        click.echo(wrap(error.hint, sys.stderr, len("hint: ")), err=True)

@@ -6,8 +6,10 @@ import sys
 
 import click
 
-from rigel_k8s.cli.width import find_width
+from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import find_width, wrap
 from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
+from rigel_k8s.objects.text import plural
 
 
 @click.command()
@@ -42,11 +44,26 @@ def check(ctx: click.Context, /, output: str) -> int:
         print_json([finding_json(result.source.name, finding) for finding in result.findings])
         return 2 if failed else 0
     width = find_width(sys.stdout)
-    for text in result.render_findings(width):
-        click.echo(text)
-    if not failed and not is_quiet(ctx):
-        click.echo(f"{result.source.name}: no problems")
+    for finding, text in zip(result.findings, result.render_findings(width), strict=True):
+        color = WARNING if finding.severity == "warning" else "red"
+        head, *snippet = text.splitlines()
+        mark = click.style("warning:", fg=WARNING)
+        click.echo(wrap(head, sys.stdout).replace("warning:", mark, 1))
+        for line in snippet:
+            click.secho(line, fg=color if line.lstrip(" |").startswith("^") else None)
+    if not is_quiet(ctx):
+        click.echo(f"{result.source.name}: {count(len(result.errors), len(result.warnings))}")
     return 2 if failed else 0
+
+
+def count(errors: int, warnings: int) -> str:
+    """Return how many problems a Rigelfile has."""
+    if not errors and not warnings:
+        return "no problems"
+    parts = [plural(errors, "error") if errors else "no errors"]
+    if warnings:
+        parts.insert(0 if not errors else 1, plural(warnings, "warning"))
+    return ", ".join(parts)
 
 
 def finding_json(name: str, finding: object) -> dict[str, object]:

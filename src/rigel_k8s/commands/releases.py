@@ -14,7 +14,7 @@ from rigel_k8s.commands import stacks
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import Release, job_of, release
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import ConflictError
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
@@ -25,7 +25,7 @@ from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId, Revision
+from rigel_k8s.release.types import DeployOptions, Plan, Revision
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -40,11 +40,17 @@ class Manifests:
 
 @attrs.frozen
 class Difference:
-    """What a job would change: the plan, its text ("" if nothing changes), and warnings."""
+    """What a job would change.
+
+    Attributes:
+        text: the plan as a text, "" if nothing changes.
+        conflict: why a deploy without `--adopt` would be refused: others own some of it.
+    """
 
     plan: Plan
     text: str
     warnings: tuple[str, ...]
+    conflict: ConflictError | None = None
 
 
 def render(settings: Settings, job: str | None, data: Mapping[str, Any] | None = None) -> Manifests:
@@ -83,15 +89,20 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
             stack = stack_request_of(found.raw)
             return describe(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
         made = prepare(found.options, found.raw, found.application, settings, cluster)
+        conflict = None
         try:
-            plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
+            try:
+                plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
+            except ConflictError as error:
+                conflict = error
+                plan = deploys.diff(made.desired, cluster, adopt=True)
         except Refused as refused:
             refused.details = tuple(found.place(refused.problems))
             raise
         if made.stack is not None:
             first = stacks.plan(made.stack, cluster, adopt=settings.adopt)
             plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))
-    return describe(plan, found.warnings)
+    return attrs.evolve(describe(plan, found.warnings), conflict=conflict)
 
 
 def describe(plan: Plan, warnings: tuple[str, ...]) -> Difference:
@@ -115,7 +126,7 @@ def rollback(
     settings: Settings, job: str | None, number: int | None, report: JobReporter
 ) -> Revision:
     """Deploy an earlier revision's objects again; None is the last good one before the current."""
-    found = release(settings, job)
+    found = release(settings, job, named=True)
     with interruptible() as cancel:
         return roll_back(found, settings, number, report, cancel)
 
@@ -134,23 +145,10 @@ def roll_back(
         return rollbacks.rollback(cluster, found.id, number, options)
 
 
-def down(
-    settings: Settings, job: str | None, report: JobReporter, *, volumes: bool
-) -> tuple[ReleaseId, Plan]:
-    """Delete a release's objects; claims and volumes only if requested.
-
-    Raises:
-        UserError: the release does not exist.
-    """
-    found = release(settings, job)
+def down(found: Release, settings: Settings, report: JobReporter, *, volumes: bool) -> Plan:
+    """Delete a release's objects; claims and volumes only if requested. Closes the connection."""
     with interruptible() as cancel:
-        plan = take_down(found, settings, report, cancel, volumes=volumes)
-    if plan.is_empty:
-        raise UserError(
-            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
-            hint="if it is elsewhere, set -n NAMESPACE or --context NAME",
-        )
-    return found.id, plan
+        return take_down(found, settings, report, cancel, volumes=volumes)
 
 
 def take_down(

@@ -50,6 +50,8 @@ def read_value(text: str) -> Any:
 
 def require(path: Path) -> None:
     """Refuse a path without a Rigelfile."""
+    if path.is_dir():
+        raise UserError(f"{path} is a directory", hint=f"name the file: -f {path / 'Rigelfile'}")
     if not path.is_file():
         raise UserError(
             f"{path} does not exist",

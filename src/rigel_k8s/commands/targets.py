@@ -27,6 +27,7 @@ from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
+from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.source import YamlNode
@@ -131,7 +132,13 @@ def job_of(
     )
 
 
-def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = ()) -> Release:
+def release(
+    settings: Settings,
+    name: str | None = None,
+    nodes: Sequence[str] = (),
+    *,
+    named: bool = False,
+) -> Release:
     """Return a release, connected.
 
     Args:
@@ -139,16 +146,21 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
             name. None is the one release of the Rigelfile. Of a job's options only the release's
             two names must be known.
         nodes: if the Rigelfile has several releases, choose the one with these nodes.
+        named: without a Rigelfile, the only release of the namespace is not meant: what writes
+            must not do it in a wrong directory.
 
     Raises: as job_of.
     """
     if not settings.rigelfile.exists() and is_default(settings.rigelfile):
-        if name is None:
+        if name is None and named:
             raise UserError(
                 f"{settings.rigelfile} does not exist, and no release is named",
-                hint="list the releases of a namespace with `rigel list`, all with `rigel list -A`",
+                hint="name the release; `rigel list` lists those of a namespace",
             )
-        return name_release(connect(settings), settings, name)
+        cluster = connect(settings)
+        if name is None:
+            return find_only(cluster, settings)
+        return name_release(cluster, settings, name)
     rigelfile = load(settings, patient=True)
     agent = rigelfile.jobs.get(name or "")
     if agent is not None and is_agent(agent):
@@ -161,6 +173,20 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
         return find_other(error, settings)
     cluster = connect(settings)
     return Release(cluster, release_of(options, settings, cluster), options.observability)
+
+
+def find_only(cluster: Cluster, settings: Settings) -> Release:
+    """Return the only release of the namespace. Raises UserError if there is none, or several."""
+    namespace = settings.namespace or cluster.namespace
+    names = sorted({one.release.name for one in list_releases(cluster, namespace)})
+    if len(names) == 1:
+        return name_release(cluster, settings, names[0])
+    there = f"there are {', '.join(names)}" if names else "there is none"
+    raise UserError(
+        f"{settings.rigelfile} does not exist, and no release is named: {there} in the namespace"
+        f" {namespace}",
+        hint="name the release, and its namespace with -n; `rigel list -A` lists all",
+    )
 
 
 def is_default(rigelfile: Path) -> bool:

@@ -18,6 +18,7 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.observability import install as stacks
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.request import StackRequest, request_of
+from rigel_k8s.release import together
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.rollback import rollback
@@ -212,7 +213,7 @@ def install_stack(cluster: Cluster, namespace: str) -> None:
         return attrs.evolve(made, desired=stop_pods(made.desired))
 
     vars(stacks)["desired_stack"] = without_pods
-    stacks.install(cluster, ask_for_stack(namespace), OPTIONS)
+    together.deploy([stacks.stack_part(ask_for_stack(namespace), cluster)], cluster, OPTIONS)
 
 
 def remove_stack(cluster: Cluster, namespace: str) -> None:

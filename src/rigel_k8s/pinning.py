@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 import attrs
 
 from rigel_k8s.image_reference import parse_reference
-from rigel_k8s.images.registry import resolve_digests
+from rigel_k8s.images.registry import look_up
 from rigel_k8s.objects.images import images_of, list_loaded, pin_images
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.types import Desired, Revision
@@ -44,7 +44,7 @@ def pin(
 def find_pins(images: Iterable[str], loaded: frozenset[str]) -> dict[str, str]:
     """Return {image: image@digest} of those in a registry that were not loaded."""
     found = {}
-    for image, digest in resolve_digests(images).items():
+    for image, digest in look_up(images).digests.items():
         reference = parse_reference(image)
         if str(reference) not in loaded or f"{reference.name}@{digest}" in loaded:
             found[image] = f"{image}@{digest}"

@@ -5,23 +5,29 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rigel_k8s import rigelfile as grammar
-from rigel_k8s.app.deploying.target import release_key
+from rigel_k8s.app.deploying.target import release_key, release_of
 from rigel_k8s.app.rights import need_to_deploy
+from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.objects.rights import make_rules
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.release.types import Desired
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
 from rigel_muto.agent.allowance import matches
 from rigel_muto.agent.manifests import agent_objects
 from rigel_muto.agent.options import MutoAgent, check_options
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.together import Part
+    from rigel_k8s.release.types import ReleaseId
 
 
 class MutoAgentJob:
@@ -48,30 +54,32 @@ class MutoAgentJob:
         """Return the agent's release."""
         return release_key(options, settings)
 
+    def release(
+        self, options: MutoAgent, settings: Settings, cluster: Cluster | None
+    ) -> ReleaseId | None:
+        """Return the agent's release."""
+        return release_of(options, settings, cluster)
+
+    def parts(self, options: MutoAgent, job: JobContext, cluster: Cluster | None) -> Sequence[Part]:
+        """Return the agent."""
+        from rigel_k8s.release.together import Part
+
+        rigelfile = grammar.load(job.settings.rigelfile, os.environ)
+        release = release_of(options, job.settings, cluster)
+        around = ReleaseContext(release.namespace, release.name, None, "", "none")
+        rules = make_rules(need_to_deploy(release.namespace))
+        text = write_rigelfile(rigelfile, rigelfile.jobs[options.job])
+        desired = Desired(
+            release,
+            tuple(agent_objects(around, options, text, rules)),
+            create_namespace=options.namespace == release.namespace,
+        )
+        return [Part(desired=desired, place=job.place)]
+
     def run(self, options: MutoAgent, job: JobContext) -> None:
-        """Deploy.
-
-        Raises:
-            ClusterError, RolloutFailed: as release.deploy.
-        """
-        from rigel_k8s.kube import connect
-        from rigel_k8s.release.deploy import deploy
-
-        found = grammar.load(job.settings.rigelfile, os.environ)
-        spec = found.jobs[options.job]
-        with connect(job.settings) as cluster:
-            cluster.endure(job.report.line, job.cancel)
-            named = job.settings.namespace or options.namespace
-            release = ReleaseId(str(named or cluster.namespace), str(options.deployment_name))
-            around = ReleaseContext(release.namespace, release.name, None, "", "none")
-            rules = make_rules(need_to_deploy(release.namespace))
-            text = write_rigelfile(found, spec)
-            desired = Desired(
-                release,
-                tuple(agent_objects(around, options, text, rules)),
-                create_namespace=options.namespace == release.namespace,
-            )
-            deploy(desired, cluster, job.deploy_options)
+        """Deploy. Raises as jobs.deploying.deploy."""
+        deploy(self, options, job)
+        release = release_of(options, job.settings)
         job.report.line(
             f"{release.name} in {release.namespace} accepts commands for {options.thing}"
         )

@@ -223,8 +223,9 @@ class Lab:
         stderr: BinaryIO,
         **_: Any,
     ) -> int:
-        """Run a command in a pod as the cluster's exec does."""
-        words = self.pods[pod].entering(list(command))
+        """Run a command in a pod as the cluster's exec does; the scripts are not mounted here."""
+        words = [word.replace(rigel_inpod.MOUNT_PATH, str(SCRIPTS)) for word in command]
+        words = self.pods[pod].entering(words)
         with subprocess.Popen(
             words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         ) as process:

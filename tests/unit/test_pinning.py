@@ -8,11 +8,10 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.network.multus.install import installation_of
+from rigel_k8s.network.multus.install import find_release, installation_of
 from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.network.multus.platform import platform
 from rigel_k8s.network.multus.recognition import Group
-from rigel_k8s.network.multus.rollout import find_release
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.scalars import ImageRef

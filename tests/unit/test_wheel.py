@@ -47,7 +47,7 @@ from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
 from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
-from rigel_k8s.network.multus.rollout import machine_script
+from rigel_k8s.network.multus.desired import machine_script
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert list_package() and read_lock()

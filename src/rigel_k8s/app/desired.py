@@ -63,6 +63,11 @@ REMEDIES = {
     "architecture": "build it for them too (`platforms` of a build job), or choose other machines"
     " with `placement`",
     "policy": "change what the policy names, or ask its author",
+    "no-machine": "or change its `placement`",
+    "taint": "or set `tolerations` of the node",
+    "no-room": "request less (`resources`), or let it run elsewhere (`placement`)",
+    "missing-object": "create it first, or correct its name",
+    "no-image": "push it, or correct its name",
 }
 
 #: The texts of parameter files, by the names that the Rigelfile gives them.

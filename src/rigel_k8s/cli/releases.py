@@ -27,7 +27,9 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
-    from rigel_k8s.release.types import Plan, ReleaseId
+    from collections.abc import Iterable
+
+    from rigel_k8s.release.types import Plan, ReleaseId, Step
 
 
 @click.command()
@@ -72,13 +74,9 @@ def diff(
     warn(found.warnings)
     for line in found.text.splitlines():
         click.secho(line, fg=line_color(line))
-    changes = len(found.plan.changes)
     if not is_quiet(ctx):
-        click.echo(summary(found.plan), err=True)
-    if found.conflict is not None:
-        found.conflict.exit_code = 2 if exit_code else found.conflict.exit_code
-        raise found.conflict
-    return 1 if exit_code and changes else 0
+        click.echo(summary(found.steps), err=True)
+    return 1 if exit_code and any(step.writes for step in found.steps) else 0
 
 
 def line_color(line: str) -> str | None:
@@ -88,10 +86,10 @@ def line_color(line: str) -> str | None:
     return {"+": "green", "-": "red", "@": "cyan"}.get(line[:1])
 
 
-def summary(plan: Any) -> str:
+def summary(steps: Iterable[Step]) -> str:
     """Return how many objects are created, changed and pruned."""
     counts: dict[str, int] = {}
-    for step in plan.steps:
+    for step in steps:
         counts[step.action] = counts.get(step.action, 0) + 1
     words = {
         "create": "to create",
@@ -133,7 +131,6 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 @click.pass_context
 def history(ctx: click.Context, /, job: str | None, output: str) -> None:
     """List the revisions of a release, the newest last."""
-    from rigel_k8s.cli.listing import STATES
     from rigel_k8s.cli.tables import table
     from rigel_k8s.commands import releases
 
@@ -144,9 +141,7 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
         print_json(rows)
     elif rows:
         heads = ["REVISION", "STATUS", "CREATED", "DESCRIPTION"]
-        colors = [STATES.get(revision.status) for revision in found]
-        cells = [[str(row[name]) for name in columns] for row in rows]
-        click.echo(table(heads, cells, colors=colors))
+        click.echo(table(heads, [[str(row[name]) for name in columns] for row in rows]))
     else:
         click.echo("no revisions: nothing was deployed", err=True)
 
@@ -194,7 +189,7 @@ def rollback(
     shell_complete=complete_sequence,
 )
 @click.option("--volumes", is_flag=True, help="Delete claims and volumes, too; their data is lost.")
-@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
 @click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @lock_timeout_option
 @click.pass_context
@@ -208,26 +203,21 @@ def down(
     timeout: float | None,
     lock_timeout: float | None,
 ) -> None:
-    """Delete a release. Its claims and volumes stay unless --volumes.
-
-    In a terminal it asks before, unless -y.
-    """
+    """Delete a release. Its claims and volumes stay unless --volumes."""
     if job and sequence:
         raise click.UsageError("name either a job or a sequence", ctx)
-    words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
-    if sequence:
-        from rigel_k8s.commands import fleet
+    if volumes and not yes:
+        confirm("Delete claims and volumes with all their data?")
+    with choose_reporter(ctx) as report:
+        words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
+        if sequence:
+            from rigel_k8s.commands import fleet
 
-        confirm(f"all releases of the sequence {sequence}", volumes=volumes, yes=yes)
-        with choose_reporter(ctx) as report:
             removed = fleet.down(words, sequence, report, volumes=volumes)
-    else:
-        from rigel_k8s.commands import releases, targets
+        else:
+            from rigel_k8s.commands import releases
 
-        found = targets.release(words, job, named=True)
-        confirm(f"{found.id.name} from {found.id.namespace}", volumes=volumes, yes=yes)
-        with choose_reporter(ctx) as report:
-            removed = [(found.id, releases.down(found, words, report, volumes=volumes))]
+            removed = [releases.down(words, job, report, volumes=volumes)]
     for release, plan in removed:
         click.echo(describe_removal(release, plan))
 
@@ -245,22 +235,17 @@ def describe_removal(release: ReleaseId, plan: Plan) -> str:
     return f"removed {where}: {plural(deleted, 'object')} deleted{left}"
 
 
-def confirm(what: str, *, volumes: bool, yes: bool) -> None:
-    """Ask for confirmation in a terminal; without it, end with exit code 1.
+def confirm(question: str) -> None:
+    """Ask for confirmation; without it, end with exit code 1.
 
     Raises:
-        UserError: data would be deleted, and there is no terminal.
+        UserError: there is no terminal.
         click.Abort: Ctrl-C or Ctrl-D.
     """
-    if yes:
-        return
     if not sys.stdin.isatty():
-        if volumes:
-            raise UserError(
-                "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
-            )
-        return
-    data = ", its volumes and all their data" if volumes else ""
-    if not click.confirm(f"Delete {what}{data}?", err=True):
+        raise UserError(
+            "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
+        )
+    if not click.confirm(question, err=True):
         click.echo("nothing was deleted", err=True)
         raise click.exceptions.Exit(1)

@@ -7,17 +7,15 @@ from collections.abc import Sequence
 
 import attrs
 
-from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.releases import take_down
 from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.commands.targets import Release, names_of
+from rigel_k8s.commands.targets import Release, find_release, names_of
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import make_failure
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.runner import list_steps
 from rigel_k8s.jobs.steps import Step, list_uses
-from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.jobs.waves import Outcome, count_failures, list_outcomes
 from rigel_k8s.kube import Cluster, connect
@@ -25,7 +23,6 @@ from rigel_k8s.release.types import Plan, ReleaseId
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.threads import parallel
-from rigel_muto.job import MutoAgentJob
 
 #: Releases that are deleted at the same time.
 WIDTH = 10
@@ -70,14 +67,11 @@ def list_releases(
     values = Values(rigelfile)
     found: dict[ReleaseId, None] = {}
     for job, data in list_uses(step, lambda step, known: values.preview_matrix(step, known)[0]):
-        if isinstance(job.type, OrchestrationJob | MutoAgentJob):
-            options = names_of(
-                *(rigelfile, job.spec, settings, job.type.options),
-                overrides=job.overrides,
-                data=data,
-            )
-            if not getattr(options, "observability_only", False):
-                found[release_of(options, settings, cluster)] = None
+        if hasattr(job.type, "release"):
+            options = names_of(rigelfile, job, settings, data)
+            release = find_release(job, options, settings, cluster)
+            if release is not None:
+                found[release] = None
     return list(found)
 
 

@@ -5,34 +5,33 @@ A release on a cluster needs no Rigelfile: its revisions have all the informatio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
 from rigel_k8s import rigelfile as grammar
-from rigel_k8s.app.application import has_application
-from rigel_k8s.app.deploying.target import release_of
-from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.jobs.job import JobContext, JobReporter
+from rigel_k8s.jobs.steps import Job
+from rigel_k8s.jobs.values import Values
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.naming import object_name
-from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
-from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
-from rigel_k8s.rigelfile.source import YamlNode
 from rigel_k8s.settings import Application, Settings
-from rigel_muto.agent.options import MutoAgent
+
+if TYPE_CHECKING:
+    from rigel_k8s.release.together import Part
 
 NAME_NAMESPACE = "name the namespace with -n; `rigel list -A` lists all releases"
 NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all releases"
@@ -40,19 +39,44 @@ NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all r
 
 @attrs.frozen
 class TargetJob:
-    """An orchestration job whose options are all known and right.
+    """A job whose options are all known and right.
 
     Attributes:
+        data: what a sequence passes to it.
         warnings: of its options' check, rendered.
         place: turns problems with the options into texts with their lines in the Rigelfile.
     """
 
-    name: str
+    job: Job
     options: Any
+    data: Mapping[str, Any]
     raw: Mapping[str, Any]
     application: Application
-    warnings: tuple[str, ...]
+    warnings: Sequence[str]
     place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
+
+    @property
+    def name(self) -> str:
+        """The job's key in the Rigelfile."""
+        return self.job.name
+
+    def list_parts(
+        self, settings: Settings, cluster: Cluster | None, report: JobReporter
+    ) -> Sequence[Part]:
+        """Return what it would deploy; nothing is written."""
+        context = JobContext(
+            self.name,
+            self.application,
+            report,
+            settings,
+            data=dict(self.data),
+            raw=self.raw,
+            place=self.place,
+            dry=True,
+        )
+        kind: Any = self.job.type
+        parts: Sequence[Part] = kind.parts(self.options, context, cluster)
+        return parts
 
 
 @attrs.frozen
@@ -88,7 +112,7 @@ def job_of(
     rigelfile: Rigelfile | None = None,
     data: Mapping[str, Any] | None = None,
 ) -> TargetJob:
-    """Return the named orchestration job, or the one that the Rigelfile has.
+    """Return the named job, or the one that deploys the Rigelfile's application.
 
     Args:
         rigelfile: the content of the settings' file, if it was read before.
@@ -99,46 +123,26 @@ def job_of(
         ProblemsError: the job's options are wrong, or wait for data of other jobs.
     """
     rigelfile = rigelfile or load(settings)
-    spec = choose_job(rigelfile, settings, name)
-    kind = OrchestrationJob.options
+    job = choose_job(rigelfile, settings, name)
     try:
-        made = grammar.realise(rigelfile, spec, None, data or {}, kind)
+        ready = Values(rigelfile).realise(job, data or {})
     except ProblemsError as error:
-        seen = grammar.preview(rigelfile, spec, None, data or {}, kind).findings
+        seen = grammar.preview(rigelfile, job.spec, None, data or {}, job.type.options).findings
         if all(finding.severity != "error" for finding in seen):  # only data is missing
             error.hint = "pass what a sequence would store: --data KEY=VALUE"
         raise
-    application, home = rigelfile.application, settings.rigelfile.absolute().parent
-    job = OrchestrationJob()
-    findings = made.place_problems(
-        [
-            *job.check(made.options, application),
-            *job.check_files(made.options, application, home),
-        ]
-    )
-    if any(finding.severity == "error" for finding in findings):
-        raise grammar.problems_error(rigelfile.source, findings)
-
-    def render(found: Sequence[grammar.Finding]) -> tuple[str, ...]:
-        return tuple(grammar.render(rigelfile.source, finding) for finding in found)
-
     return TargetJob(
-        spec.name,
-        made.options,
-        made.raw,
+        job,
+        ready.options,
+        data or {},
+        ready.raw,
         rigelfile.application,
-        render([*made.warnings, *findings]),
-        lambda problems: render(made.place_problems(problems)),
+        ready.warnings,
+        ready.place,
     )
 
 
-def release(
-    settings: Settings,
-    name: str | None = None,
-    nodes: Sequence[str] = (),
-    *,
-    named: bool = False,
-) -> Release:
+def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = ()) -> Release:
     """Return a release, connected.
 
     Args:
@@ -146,47 +150,38 @@ def release(
             name. None is the one release of the Rigelfile. Of a job's options only the release's
             two names must be known.
         nodes: if the Rigelfile has several releases, choose the one with these nodes.
-        named: without a Rigelfile, the only release of the namespace is not meant: what writes
-            must not do it in a wrong directory.
 
     Raises: as job_of.
     """
     if not settings.rigelfile.exists() and is_default(settings.rigelfile):
-        if name is None and named:
+        if name is None:
             raise UserError(
                 f"{settings.rigelfile} does not exist, and no release is named",
-                hint="name the release; `rigel list` lists those of a namespace",
+                hint="list the releases of a namespace with `rigel list`, all with `rigel list -A`",
             )
-        cluster = connect(settings)
-        if name is None:
-            return find_only(cluster, settings)
-        return name_release(cluster, settings, name)
+        return name_release(connect(settings), settings, name)
     rigelfile = load(settings, patient=True)
-    agent = rigelfile.jobs.get(name or "")
-    if agent is not None and is_agent(agent):
-        options = names_of(rigelfile, agent, settings, MutoAgent)
-        cluster = connect(settings)
-        return Release(cluster, release_of(options, settings, cluster))
     try:
-        options = names_of(rigelfile, choose_job(rigelfile, settings, name, nodes), settings)
+        job = choose_job(rigelfile, settings, name, nodes)
     except NoSuchJob as error:
         return find_other(error, settings)
+    options = names_of(rigelfile, job, settings)
     cluster = connect(settings)
-    return Release(cluster, release_of(options, settings, cluster), options.observability)
+    found = find_release(job, options, settings, cluster)
+    if found is None:
+        raise UserError(
+            f'the job "{job.name}" has no release of its own',
+            hint="see the stack with `rigel observe status`, Multus with `rigel network status`",
+        )
+    return Release(cluster, found, getattr(options, "observability", None))
 
 
-def find_only(cluster: Cluster, settings: Settings) -> Release:
-    """Return the only release of the namespace. Raises UserError if there is none, or several."""
-    namespace = settings.namespace or cluster.namespace
-    names = sorted({one.release.name for one in list_releases(cluster, namespace)})
-    if len(names) == 1:
-        return name_release(cluster, settings, names[0])
-    there = f"there are {', '.join(names)}" if names else "there is none"
-    raise UserError(
-        f"{settings.rigelfile} does not exist, and no release is named: {there} in the namespace"
-        f" {namespace}",
-        hint="name the release, and its namespace with -n; `rigel list -A` lists all",
-    )
+def find_release(
+    job: Job, options: Any, settings: Settings, cluster: Cluster | None
+) -> ReleaseId | None:
+    """Return the release that is a job's own; None without one."""
+    find = getattr(job.type, "release", None)
+    return find(options, settings, cluster) if find else None
 
 
 def is_default(rigelfile: Path) -> bool:
@@ -231,15 +226,15 @@ def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
 
 
 def names(settings: Settings) -> list[str]:
-    """Return the names of all orchestration jobs."""
-    return [spec.name for spec in candidates(load(settings, patient=True), settings)]
+    """Return the names of all jobs that deploy something."""
+    rigelfile = load(settings, patient=True)
+    return [job.name for job in list_jobs(rigelfile, settings) if hasattr(job.type, "parts")]
 
 
 def list_named(settings: Settings) -> list[str]:
     """Return the names of all jobs that `release` finds a release by."""
     rigelfile = load(settings, patient=True)
-    ours = {spec.name for spec in candidates(rigelfile, settings)}
-    return [name for name, spec in rigelfile.jobs.items() if name in ours or is_agent(spec)]
+    return [job.name for job in list_jobs(rigelfile, settings) if hasattr(job.type, "release")]
 
 
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
@@ -248,36 +243,34 @@ def node_names(settings: Settings, job: str | None = None) -> list[str]:
     return list_node_names(rigelfile, choose_job(rigelfile, settings, job), settings)
 
 
-def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec, settings: Settings) -> list[str]:
+def list_node_names(rigelfile: Rigelfile, job: Job, settings: Settings) -> list[str]:
     """Return the keys of a job's nodes, and its other workloads. Raises as names_of."""
-    from rigel_k8s.app.desired import deploys_master
-
-    options = names_of(rigelfile, spec, settings)
-    ros = ros_of(rigelfile.application.distro, options.ros)
-    own = [str(options.deployment_name)] if has_application(options) else []
-    master = [MASTER_NAME] if deploys_master(options, ros) else []
-    return [*map(str, options.nodes), *own, *master]
+    if not hasattr(job.type, "workloads"):
+        return []
+    options = names_of(rigelfile, job, settings)
+    return list(job.type.workloads(options, rigelfile.application))
 
 
 def choose_job(
     rigelfile: Rigelfile, settings: Settings, name: str | None, nodes: Sequence[str] = ()
-) -> ComponentSpec:
-    """Return the meant job: deploy and update jobs of one release count as one."""
-    specs = candidates(rigelfile, settings)
+) -> Job:
+    """Return the meant job: deploy and update jobs of one application count as one."""
+    deploying = [job for job in list_jobs(rigelfile, settings) if hasattr(job.type, "parts")]
     if name is not None:
-        return find_job(rigelfile, specs, name)
-    if not specs:
+        return find_job(rigelfile, deploying, name)
+    jobs = [job for job in deploying if hasattr(job.type, "workloads")]
+    if not jobs:
         raise UserError(
             f"{rigelfile.source.name} has no orchestration job",
             hint="add a job with `plugin: rigel_k8s.OrchestrationPlugin`",
         )
-    if len(specs) == 1:  # most files: its options need not be read for its names
-        return specs[0]
-    by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
-    for spec in specs:
-        options = names_of(rigelfile, spec, settings)
+    if len(jobs) == 1:  # most files: its options need not be read for its names
+        return jobs[0]
+    by_release: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        options = names_of(rigelfile, job, settings)
         where = settings.namespace or str(options.namespace or "")
-        by_release.setdefault((where, str(options.deployment_name)), []).append(spec)
+        by_release.setdefault((where, str(options.deployment_name)), []).append(job)
     if len(by_release) > 1 and nodes:
         having = [
             same for same in by_release.values() if has_nodes(rigelfile, same, settings, nodes)
@@ -287,53 +280,39 @@ def choose_job(
     if len(by_release) > 1:
         listed = ", ".join(same[0].name for same in by_release.values())
         raise UserError("the Rigelfile has several releases", hint=f"name a job, one of: {listed}")
-    return choose_whole(specs)
+    return choose_whole(jobs)
 
 
-def choose_whole(specs: Sequence[ComponentSpec]) -> ComponentSpec:
+def choose_whole(jobs: Sequence[Job]) -> Job:
     """Return the job of a release that describes all of it, if there is one."""
-    return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
+    return next((job for job in jobs if not is_partial(spec_keys(job.spec))), jobs[0])
 
 
 def has_nodes(
-    rigelfile: Rigelfile, specs: Sequence[ComponentSpec], settings: Settings, nodes: Sequence[str]
+    rigelfile: Rigelfile, jobs: Sequence[Job], settings: Settings, nodes: Sequence[str]
 ) -> bool:
     """Return whether the jobs of a release have all of some nodes, by key or ROS name."""
-    there = {
-        object_name(key) for spec in specs for key in list_node_names(rigelfile, spec, settings)
-    }
+    there = {object_name(key) for job in jobs for key in list_node_names(rigelfile, job, settings)}
     return there.issuperset(map(object_name, nodes))
 
 
-def candidates(rigelfile: Rigelfile, settings: Settings) -> list[ComponentSpec]:
-    """Return all orchestration jobs."""
+def list_jobs(rigelfile: Rigelfile, settings: Settings) -> Iterator[Job]:
+    """Yield the jobs whose types are known."""
     directory = settings.rigelfile.absolute().parent
-    return [spec for spec in rigelfile.jobs.values() if is_orchestration(spec, directory)]
+    for spec in rigelfile.jobs.values():
+        with suppress(UserError):
+            yield Job(spec, registry.job_type(spec.plugin, directory))
 
 
-def find_job(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> ComponentSpec:
+def find_job(rigelfile: Rigelfile, deploying: Sequence[Job], name: str) -> Job:
     """Return the job of that name."""
-    ours = {spec.name: spec for spec in specs}
-    if name in ours:
-        return ours[name]
-    hint = f"orchestration jobs: {', '.join(ours) or 'none'}"
+    by_name = {job.name: job for job in deploying}
+    if name in by_name:
+        return by_name[name]
+    hint = f"jobs that deploy: {', '.join(by_name) or 'none'}"
     if name in rigelfile.jobs:
-        raise UserError(f'the job "{name}" is not an orchestration job', hint=hint)
-    raise NoSuchJob(name, grammar.find_nearest(name, ours), hint=hint)
-
-
-def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
-    """Return whether a job's type is ours; an unknown one counts as another's."""
-    try:
-        found = registry.job_type(spec.plugin, directory)
-    except UserError:
-        return False
-    return isinstance(found, OrchestrationJob)
-
-
-def is_agent(spec: ComponentSpec) -> bool:
-    """Return whether a job deploys Muto's agent, which is a release of its own."""
-    return spec.plugin in ("muto-agent", "rigel_k8s.MutoAgentPlugin")
+        raise UserError(f'the job "{name}" deploys nothing', hint=hint)
+    raise NoSuchJob(name, grammar.find_nearest(name, by_name), hint=hint)
 
 
 def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
@@ -343,38 +322,31 @@ def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
 
 
 def names_of(
-    rigelfile: Rigelfile,
-    spec: ComponentSpec,
-    settings: Settings,
-    kind: type[Any] = OrchestrationJob.options,
-    *,
-    overrides: YamlNode | None = None,
-    data: Mapping[str, Any] | None = None,
+    rigelfile: Rigelfile, job: Job, settings: Settings, data: Mapping[str, Any] | None = None
 ) -> Any:
     """Return a job's options as far as they are known without a run, and the release's names.
 
     The settings' namespace replaces the job's, which then need not be known.
 
     Args:
-        kind: the class of its options.
-        overrides: what a sequence lays over them.
         data: what a sequence's matrix passes to them.
 
     Raises:
         ProblemsError: something is wrong with them, or a name waits for data of a sequence.
     """
-    seen = grammar.preview(rigelfile, spec, overrides, data or {}, kind)
+    source = (rigelfile, job.spec, job.overrides, data or {}, job.type.options)
+    seen = grammar.preview(*source)
     if any(finding.severity == "error" for finding in seen.findings):
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
     hint = None
-    if has_template(str(options.deployment_name)):
+    if has_template(str(getattr(options, "deployment_name", ""))):
         hint = NAME_RELEASE
-    elif not settings.namespace and has_template(str(options.namespace)):
+    elif not settings.namespace and has_template(str(getattr(options, "namespace", ""))):
         hint = NAME_NAMESPACE
     if hint:
         try:
-            grammar.realise(rigelfile, spec, overrides, data or {}, kind)
+            grammar.realise(*source)
         except ProblemsError as error:
             error.hint = hint
             raise

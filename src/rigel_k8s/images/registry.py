@@ -53,6 +53,10 @@ class _Unclear(Exception):
     """The registry gave no usable answer; the text is the reason."""
 
 
+class _NotFound(_Unclear):
+    """The registry does not have the image."""
+
+
 class _Unreachable(_Unclear):
     """The registry did not answer at all."""
 
@@ -85,13 +89,26 @@ class _Patience:
             self._unanswered[registry] += 1
 
 
-def resolve_digests(
+@attrs.frozen
+class Answers:
+    """What registries answer about images.
+
+    Attributes:
+        digests: by image, of those that have one.
+        unknown: images whose registry says that it does not have them.
+    """
+
+    digests: Mapping[str, str]
+    unknown: frozenset[str]
+
+
+def look_up(
     images: Iterable[str],
     credentials: Sequence[RegistryCredentials] = (),
     *,
     timeout: float = _TIMEOUT,
-) -> dict[str, str]:
-    """Return the digests of those images whose registries give them, in parallel.
+) -> Answers:
+    """Ask the registries of images for their digests, in parallel.
 
     A registry that does not answer at all is not asked for each of its images.
 
@@ -102,6 +119,7 @@ def resolve_digests(
     """
     asked = list(images)
     patience = _Patience()
+    unknown: set[str] = set()
 
     def ask(image: str) -> str | None:
         reference = parse_reference(image)
@@ -109,18 +127,21 @@ def resolve_digests(
             return None
         user = credentials_for(reference.registry, credentials)
         registry = _registry_of(reference, user, timeout)
+        digest = None
         try:
             digest = reference.digest or registry.digest(reference.repository, reference.version)
         except _Unreachable:
             patience.note(reference.registry, answered=False)
             return None
+        except _NotFound:
+            unknown.add(image)
         except _Unclear:
-            digest = None
+            pass
         patience.note(reference.registry, answered=True)
         return digest
 
     answers = zip(asked, parallel(ask, asked), strict=True)
-    return {image: digest for image, digest in answers if digest}
+    return Answers({image: digest for image, digest in answers if digest}, frozenset(unknown))
 
 
 def find_architectures(
@@ -197,9 +218,14 @@ class _Registry:
         return True
 
     def digest(self, repository: str, version: str) -> str | None:
-        """Return the digest of a tag, None if the repository or tag is not visible."""
+        """Return the digest of a tag, None if the repository or tag is not visible.
+
+        Raises _NotFound if the registry says that it has no such tag or repository.
+        """
         path = f"/v2/{repository}/manifests/{version}"
         base, answer = self._open(path, repository)
+        if answer.status == 404 and self._knows_nothing_of(base + path):
+            raise _NotFound(f"it has no {repository}:{version}")
         if answer.status != 200:
             return None
         found = answer.headers.get("Docker-Content-Digest")
@@ -239,6 +265,15 @@ class _Registry:
                 self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=scope)
                 answer = self._ask("HEAD", base + path)
         return base, answer
+
+    def _knows_nothing_of(self, url: str) -> bool:
+        """Whether a registry, and not just any program on the way, says that there is nothing."""
+        with suppress(ValueError):
+            answer = json.loads(self._ask("GET", url).data)
+            errors = answer.get("errors") if isinstance(answer, dict) else None
+            codes = {one.get("code") for one in errors or () if isinstance(one, dict)}
+            return bool(codes & {"MANIFEST_UNKNOWN", "NAME_UNKNOWN"})
+        return False
 
     def _compute_digest(self, url: str) -> str | None:
         answer = self._ask("GET", url)

@@ -25,7 +25,7 @@ from rigel_k8s.jobs.branches import (
     summarise_error,
 )
 from rigel_k8s.jobs.holds import Holds
-from rigel_k8s.jobs.job import JobContext, JobReporter
+from rigel_k8s.jobs.job import JobContext, JobOptions, JobReporter
 from rigel_k8s.jobs.matrix import combinations, label
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
@@ -39,7 +39,6 @@ from rigel_k8s.jobs.waves import (
     split_limits,
     summarise,
 )
-from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
 #: Seconds that a dependency may take to become ready, unless --timeout is set.
@@ -51,9 +50,8 @@ class RunContext:
     """What a run needs from outside.
 
     Attributes:
-        realise: a job and the shared data to its options and raw `with`; raises UserErrors.
+        realise: a job and the shared data to its options, checked; raises UserErrors.
         matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
-        place: a job, the shared data and problems with its options to texts with their places.
         grace: seconds that a job may take to end after it was cancelled.
         applied: set when a job that deploys has stored its objects.
     """
@@ -61,11 +59,8 @@ class RunContext:
     application: Application
     settings: Settings
     report: JobReporter
-    realise: Callable[[Job, Mapping[str, Any]], tuple[Any, Mapping[str, Any]]]
+    realise: Callable[[Job, Mapping[str, Any]], JobOptions]
     matrix: Callable[[Branches, Mapping[str, Any]], Mapping[str, list[Any]]]
-    place: Callable[[Job, Mapping[str, Any], Sequence[Problem]], Sequence[str]] = (
-        lambda job, data, problems: list(map(str, problems))
-    )
     vars: Mapping[str, Any] = attrs.field(factory=dict)
     providers: Mapping[str, Any] = attrs.field(factory=dict)
     grace: float = 30.0
@@ -78,11 +73,11 @@ class Execution:
     `interruption` is the message of the first interrupted job about the state that it left.
     """
 
-    def __init__(self, surroundings: RunContext, scope: CancelScope) -> None:
+    def __init__(self, run: RunContext, scope: CancelScope) -> None:
         self.scope = scope
         self.interruption: Interrupted | None = None
         self._boundary = Boundary(scope)
-        self._around = surroundings
+        self._run_context = run
         self._lock = threading.Lock()
         self._running: list[str] = []
         self._holds = Holds()
@@ -100,7 +95,7 @@ class Execution:
 
     def run(self, steps: Jobs, data: dict[str, Any]) -> None:
         """Run all steps; returns when all have ended, and leaves a failure in `failure`."""
-        trunk = Branch("", data, self._around.report, self.scope, self._boundary)
+        trunk = Branch("", data, self._run_context.report, self.scope, self._boundary)
         self._start_thread(partial(self._run_step, steps, trunk), trunk).join()
 
     def _run_step(self, step: Step, branch: Branch) -> None:
@@ -168,7 +163,7 @@ class Execution:
     def _parts(self, step: Branches, branch: Branch) -> tuple[list[Branch], Limits | None]:
         """Return a branch for each combination: a copy of the data, and the combination in it."""
         with self._note_failure(f"the matrix of a parallel stage{describe(branch)}", branch):
-            matrix, limits = split_limits(self._around.matrix(step, branch.data))
+            matrix, limits = split_limits(self._run_context.matrix(step, branch.data))
             chosen = combinations(matrix)
             if not chosen:
                 branch.report.warn("the matrix has no combinations: its stages do not run")
@@ -209,7 +204,7 @@ class Execution:
                 ready.set()
 
         thread = self._start_thread(serve, branch)
-        timeout = self._around.settings.timeout or READY_TIMEOUT
+        timeout = self._run_context.settings.timeout or READY_TIMEOUT
         if not ready.wait(timeout):
             late = RigelK8sError(
                 f"it was neither ready nor finished after {timeout:g} s",
@@ -222,9 +217,9 @@ class Execution:
     def _end(self, servers: list[tuple[Job, threading.Thread]], branch: Branch) -> None:
         """Wait for dependencies that were cancelled."""
         for job, thread in servers:
-            thread.join(self._around.grace)
+            thread.join(self._run_context.grace)
             if thread.is_alive():
-                error = RigelK8sError(f"it did not stop within {self._around.grace:g} s")
+                error = RigelK8sError(f"it did not stop within {self._run_context.grace:g} s")
                 self._fail(f"dependency {job.name}", error, branch)
 
     # Jobs
@@ -253,31 +248,31 @@ class Execution:
         where: str,
         ready: threading.Event | None,
     ) -> None:
-        around = self._around
-        options, raw = around.realise(job, branch.data)
+        run = self._run_context
+        made = run.realise(job, branch.data)
         context = JobContext(
             name=job.name,
-            application=around.application,
+            application=run.application,
             report=branch.report.child(job.name),
-            settings=around.settings,
+            settings=run.settings,
             data=branch.data,
-            vars=around.vars,
-            providers=around.providers,
+            vars=run.vars,
+            providers=run.providers,
             cancel=scope.cancelled,
-            raw=raw,
+            raw=made.raw,
             serving=ready is not None,
             ready=ready or threading.Event(),
-            applied=around.applied,
-            place=partial(around.place, job, branch.data),
+            applied=run.applied,
+            place=made.place,
         )
-        with self._holds.hold(self._find_key(job, options), where):
-            job.type.run(options, context)
+        with self._holds.hold(self._find_key(job, made.options), where):
+            job.type.run(made.options, context)
 
     def _find_key(self, job: Job, options: Any) -> str | None:
         """Return what a job needs exclusively while it runs, None for nothing."""
         exclusive = getattr(job.type, "exclusive", None)
-        around = self._around
-        return exclusive(options, around.application, around.settings) if exclusive else None
+        run = self._run_context
+        return exclusive(options, run.application, run.settings) if exclusive else None
 
     @contextmanager
     def _list_running(self, where: str) -> Iterator[None]:

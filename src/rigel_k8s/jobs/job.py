@@ -41,6 +41,7 @@ class JobContext:
         ready: a serving job sets it when others may use it (not needed if it returns).
         applied: a job that deploys sets it when its objects are stored, before it waits for them.
         place: turns problems with the options into texts with their lines in the Rigelfile.
+        dry: the job is only looked at (`render`, `diff`): providers are not connected.
     """
 
     name: str
@@ -56,11 +57,29 @@ class JobContext:
     ready: threading.Event = attrs.field(factory=threading.Event)
     applied: threading.Event = attrs.field(factory=threading.Event)
     place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
+    dry: bool = False
 
     @property
     def deploy_options(self) -> DeployOptions:
         """How this job deploys."""
-        return DeployOptions.of(self.settings, self.report, self.cancel, self.name)
+        name = self.settings.description or self.name
+        return DeployOptions.of(self.settings, self.report, self.cancel, name)
+
+
+@attrs.frozen
+class JobOptions:
+    """A job's options when it runs, checked.
+
+    Attributes:
+        raw: the job's `with` as plain data, templates rendered.
+        warnings: of their check, rendered.
+        place: turns problems with them into texts with their lines in the Rigelfile.
+    """
+
+    options: Any
+    raw: Mapping[str, Any]
+    warnings: Sequence[str] = ()
+    place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
 
 
 class JobType(Protocol[O_contra]):
@@ -82,6 +101,19 @@ class JobType(Protocol[O_contra]):
 
     And it may have `needs_cluster`: True if `run` connects to the cluster of the settings, False
     if it neither does so nor creates one. Without it, the type may create one.
+
+    A type that deploys describes that with up to three more methods, by which `render`, `diff`,
+    `status` and `down` know its jobs. None of them writes:
+
+    `parts(options, job, cluster) -> Sequence[Part]`: what a job deploys (release/together.py); its
+    `run` is then `jobs.deploying.deploy(self, options, job)`. Without a cluster (`render`), the
+    parts are as far as the Rigelfile describes them.
+
+    `release(options, settings, cluster) -> ReleaseId | None`: the release that is this job's own.
+    None: it deploys only what all applications of a cluster share.
+
+    `workloads(options, application) -> Sequence[str]`: the names of the nodes and other workloads
+    of an application. Its jobs are meant where a command names none.
     """
 
     options: ClassVar[type[Any]]

@@ -26,7 +26,7 @@ LOOK = 0.5
 
 def run_steps(
     steps: Jobs,
-    around: RunContext,
+    run: RunContext,
     declared: Sequence[Declared] = (),
     *,
     data: dict[str, Any] | None = None,
@@ -36,7 +36,7 @@ def run_steps(
 
     Args:
         steps: what to do.
-        around: what the run needs from outside; its providers are already connected.
+        run: what the run needs from outside; its providers are already connected.
         declared: the providers to connect before and to disconnect after.
         data: what was stored before; jobs write into it.
         scope: what stops the run from outside.
@@ -47,17 +47,17 @@ def run_steps(
             most, or not at all after a second one.
     """
     data = {} if data is None else data
-    providers = Providers(declared, around.report)
-    providers.connections.update(around.providers)
-    around = attrs.evolve(around, providers=providers.connections)
-    _Live(Execution(around, scope or CancelScope()), around, providers).run(steps, data)
+    providers = Providers(declared, run.report)
+    providers.connections.update(run.providers)
+    run = attrs.evolve(run, providers=providers.connections)
+    _Live(Execution(run, scope or CancelScope()), run, providers).run(steps, data)
     return data
 
 
 class _Live:
-    def __init__(self, execution: Execution, around: RunContext, providers: Providers) -> None:
+    def __init__(self, execution: Execution, run: RunContext, providers: Providers) -> None:
         self._execution = execution
-        self._around = around
+        self._run_context = run
         self._providers = providers
         self._mail: queue.SimpleQueue[Literal["ended", "cancelled", "interrupted"]]
         self._mail = queue.SimpleQueue()
@@ -90,15 +90,17 @@ class _Live:
         threading.Thread(target=run_guarded, daemon=True).start()
         if not self._wait_for_end():
             for name in self._execution.running or ("a provider",):
-                grace = f"{self._around.grace:g} s"
-                self._around.report.warn(f"{name} did not {word} within {grace} and was abandoned")
+                grace = f"{self._run_context.grace:g} s"
+                self._run_context.report.warn(
+                    f"{name} did not {word} within {grace} and was abandoned"
+                )
 
     def _wait_for_end(self) -> bool:
         """Wait for the current thread; False when the grace is over."""
         deadline = None
         while True:
             if deadline is None and self._execution.scope.cancelled.is_set():
-                deadline = time.monotonic() + self._around.grace
+                deadline = time.monotonic() + self._run_context.grace
             left = LOOK if deadline is None else max(0.0, deadline - time.monotonic())
             try:
                 note = self._mail.get(timeout=min(left, LOOK))
@@ -118,7 +120,7 @@ class _Live:
             )
         self._interrupted = True
         running = ", ".join(self._execution.running) or "no job"
-        self._around.report.warn(f"stopping {running}; Ctrl-C again ends at once")
+        self._run_context.report.warn(f"stopping {running}; Ctrl-C again ends at once")
         self._execution.scope.cancel()
 
     def _raise(self) -> None:

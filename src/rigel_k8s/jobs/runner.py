@@ -60,6 +60,7 @@ class Prepared:
     rigelfile: Rigelfile
     settings: Settings
     steps: Jobs
+    values: Values
     providers: tuple[Declared, ...]
     warnings: tuple[str, ...]
 
@@ -166,22 +167,20 @@ def run(
         JobFailed: a job failed; the error names it.
         Interrupted: Ctrl-C or SIGTERM.
     """
-    values = Values(prepared.rigelfile)
     declared = [d for d in prepared.providers if d.name not in (connected or {})]
-    around = RunContext(
+    context = RunContext(
         application=prepared.rigelfile.application,
         settings=prepared.settings,
         report=report,
-        realise=values.realise,
-        matrix=values.matrix,
-        place=values.place,
+        realise=prepared.values.realise,
+        matrix=prepared.values.matrix,
         vars=prepared.rigelfile.vars,
         providers=connected or {},
         grace=GRACE,
         applied=applied or threading.Event(),
     )
     with importable(prepared.settings.rigelfile.parent):
-        return run_steps(prepared.steps, around, declared, data=data, scope=scope)
+        return run_steps(prepared.steps, context, declared, data=data, scope=scope)
 
 
 def warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
@@ -198,6 +197,7 @@ class _CheckedSteps:
     rigelfile: Rigelfile
     settings: Settings
     steps: Jobs
+    values: Values
     providers: tuple[Declared, ...]
     findings: Sequence[Finding]
 
@@ -207,7 +207,9 @@ class _CheckedSteps:
         if any(finding.severity == "error" for finding in self.findings):
             raise problems_error(source, self.findings)
         warnings = tuple(render(source, found, marked=False) for found in self.findings)
-        return Prepared(self.rigelfile, self.settings, self.steps, self.providers, warnings)
+        return Prepared(
+            self.rigelfile, self.settings, self.steps, self.values, self.providers, warnings
+        )
 
 
 def _check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> _CheckedSteps:
@@ -234,7 +236,7 @@ def _check_steps(
     with importable(settings.rigelfile.parent):
         findings += preview.check(steps)
     providers = tuple(filter(None, declared))
-    return _CheckedSteps(rigelfile, settings, steps, providers, findings)
+    return _CheckedSteps(rigelfile, settings, steps, values, providers, findings)
 
 
 class _Unresolved:

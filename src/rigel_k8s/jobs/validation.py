@@ -28,6 +28,9 @@ OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
         "exclusive": ("options", "application", "settings"),
         "check_files": ("options", "application", "home"),
         "check_jobs": ("options", "jobs"),
+        "parts": ("options", "job", "cluster"),
+        "release": ("options", "settings", "cluster"),
+        "workloads": ("options", "application"),
     },
     "provider": {},
 }

@@ -56,3 +56,9 @@ def is_default_class(storage_class: Manifest) -> bool:
     """Whether claims that name no StorageClass get this one."""
     annotations = storage_class["metadata"].get("annotations") or {}
     return bool(annotations.get(DEFAULT_CLASS) == "true")
+
+
+def is_empty_claim(claim: Manifest) -> bool:
+    """Whether a claim has no volume yet, and so no data."""
+    pending = (claim.get("status") or {}).get("phase") == "Pending"
+    return pending and not (claim.get("spec") or {}).get("volumeName")

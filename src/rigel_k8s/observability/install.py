@@ -1,6 +1,8 @@
-"""Installs the stack on a cluster, or updates it; writes nothing if nothing changed."""
+"""The observability stack as a part of a job; nothing is written if nothing changed."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 
 import attrs
 
@@ -8,86 +10,95 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ready
-from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.desired import DesiredStack, desired_stack
+from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release.deploy import deploy, diff, find_last_good
-from rigel_k8s.release.locking import bury_left
-from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
+from rigel_k8s.release.deploy import Look
+from rigel_k8s.release.together import Inspection, Part, PartLook, SharedPart, if_allowed
+from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.release.writing import make_namespace
 from rigel_k8s.report import Reporter
 
 #: Seconds in which a machine can pull all images of the stack.
 PATIENT = 600.0
+HINT = "let an administrator install it once for all with a job `observability`"
 
 
-@attrs.frozen
-class StackResult:
-    """The result of an installation.
+@attrs.define(kw_only=True)
+class StackPart(SharedPart):
+    """The stack."""
 
-    Attributes:
-        changed: whether anything was written.
-        away: machines that are unreachable and were not waited for.
-    """
+    stack: Stack
+    password: str | None = attrs.field(default=None, repr=False)
 
-    stack: DesiredStack
-    revision: Revision
-    changed: bool
-    away: tuple[str, ...] = ()
+    def inspect(self, cluster: Cluster, earlier: Sequence[PartLook]) -> Inspection:
+        """Return that its operator is not installed, and which data will be lost."""
+        errors = () if self.stack.operator is None else tuple(find_missing_operator(cluster))
+        return Inspection(errors, tuple(warn_of_lost_data(self.stack)))
 
-
-def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> None:
-    """Install the stack that an application's job requests.
-
-    With rights only for applications, it prints a warning and leaves the stack unchanged.
-
-    Raises: as install.
-    """
-    try:
-        done = install(cluster, request, options)
-    except Forbidden as error:
-        options.report.warn(
-            f"{error.message}: the observability stack stays unchanged; {error.hint}"
-        )
-        return
-    if done.changed:
-        options.report.line(describe(done))
+    def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
+        """Install the stack, or update it; Grafana needs its administrator before it starts."""
+        if self.stack.has_grafana:
+            make_namespace(cluster, self.release.namespace)
+            ensure_administrator(cluster, self.release.namespace, self.password)
+        changes = self.changes(looked)
+        patient = attrs.evolve(options, timeout=options.timeout or PATIENT)
+        revision = self.install(cluster, looked, patient)
+        away = f"; not waited for, since unreachable: {', '.join(self.away)}" if self.away else ""
+        state = f"is at revision {revision.number}{away}" if changes else "is unchanged"
+        if changes or self.own:
+            options.report.line(f"{self.release.name} in {self.release.namespace} {state}")
 
 
-def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> StackResult:
-    """Install the stack, or update it, and wait until it is ready.
+def stack_part(request: StackRequest, cluster: Cluster | None, *, own: bool = True) -> Part:
+    """Return the stack as a job requests it, merged into what others have requested.
+
+    Args:
+        cluster: None: as the job alone describes it.
+        own: the job is about nothing else.
 
     Raises:
-        UserError: its options contradict those of others, or its operator is not installed.
-        RolloutFailed, ConflictError, Refused: as in deploy.
-        Forbidden: we have no right to do it.
-        Interrupted: the job was cancelled.
+        UserError: its options contradict those of others.
+        Forbidden: we may not look at it.
     """
-    try:
-        asked = desired_stack(request, cluster)
-        _check_operator(asked, cluster)
-        return _install(asked, cluster, options, request.password)
-    except Forbidden as error:
-        error.hint = "let an administrator install it once for all with a job `observability`"
-        raise
+    if cluster is None:
+        asked, away = render_stack(request), ()
+    else:
+        try:
+            asked = desired_stack(request, cluster)
+            nodes = cluster.nodes()
+        except Forbidden as error:
+            error.hint = HINT
+            raise
+        away = tuple(node["metadata"]["name"] for node in nodes if not is_ready(node))
+    return StackPart(
+        desired=asked.desired,
+        rank="stack",
+        own=own,
+        needed=own,
+        hint=HINT,
+        away=away,
+        stack=asked.stack,
+        password=request.password,
+    )
 
 
-def describe(done: StackResult) -> str:
-    """Return the result in one line."""
-    release = done.stack.release
-    away = f"; not waited for, since unreachable: {', '.join(done.away)}" if done.away else ""
-    state = f"is at revision {done.revision.number}" if done.changed else "is unchanged"
-    return f"{release.name} in {release.namespace} {state}{away}"
+def requested_stack(request: StackRequest, cluster: Cluster | None, report: Reporter) -> list[Part]:
+    """Return the stack that an application's job requests.
+
+    With rights only for applications it is left as it is, with a warning.
+    """
+    return if_allowed(lambda: stack_part(request, cluster, own=False), RELEASE, report)
 
 
-def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
-    """Raise an error if the cluster does not have the operator's kinds."""
-    if asked.stack.operator is None:
-        return
+def find_missing_operator(cluster: Cluster) -> Iterator[UserError]:
+    """Yield an error if the cluster does not have the operator's kinds."""
     missing = [kind for kind in KINDS if not cluster.serves(GROUP_VERSION, kind)]
     if missing:
-        raise UserError(
+        yield UserError(
             f"observability.existing.prometheus: the cluster has no kind {' and no '.join(missing)}"
             f" ({GROUP_VERSION}), so prometheus-operator is not installed",
             hint="install the operator first, or remove existing.prometheus to deploy a Prometheus"
@@ -95,39 +106,8 @@ def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
         )
 
 
-def _install(
-    asked: DesiredStack, cluster: Cluster, options: DeployOptions, password: str | None
-) -> StackResult:
-    _warn_of_lost_data(asked, options.report)
-    last = find_last_good(cluster, asked.release)
-    plan = diff(asked.desired, cluster, adopt=options.adopt)
-    if asked.stack.has_grafana:
-        _make_namespace(cluster, asked.release)
-        ensure_administrator(cluster, asked.release.namespace, password)
-    if last is not None and not plan.changes and last.options == asked.desired.options:
-        bury_left(cluster, asked.release, options.report)
-        return StackResult(asked, last, changed=False)
-    away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
-    for name in away:
-        options.report.warn(f"machine {name} is not ready: the installation does not wait for it")
-    revision = deploy(
-        asked.desired,
-        cluster,
-        attrs.evolve(options, timeout=options.timeout or PATIENT),
-        away=away,
-    )
-    return StackResult(asked, revision, changed=True, away=away)
-
-
-def _make_namespace(cluster: Cluster, release: ReleaseId) -> None:
-    ref = ObjectRef("v1", "Namespace", "", release.namespace)
-    if cluster.get(ref) is None:
-        cluster.apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}})
-
-
-def _warn_of_lost_data(asked: DesiredStack, report: Reporter) -> None:
-    """Warn that data are deleted with their pod, unless the options request that."""
-    stack = asked.stack
+def warn_of_lost_data(stack: Stack) -> Iterator[str]:
+    """Yield warnings that data are deleted with their pod, unless the options request that."""
     if stack.claims:
         return
     for name, ours, persistence in (
@@ -135,7 +115,7 @@ def _warn_of_lost_data(asked: DesiredStack, report: Reporter) -> None:
         ("prometheus", stack.has_prometheus, stack.options.prometheus.persistence),
     ):
         if ours and persistence.enabled is None and persistence.storage_class is None:
-            report.warn(
+            yield (
                 f"{name} loses its data when its pod is deleted: the cluster has no default"
                 f" StorageClass; set {name}.persistence.storage_class, or"
                 f" {name}.persistence.enabled: false"

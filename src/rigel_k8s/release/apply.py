@@ -75,7 +75,9 @@ class Applier:
         if step.manifest is None:
             raise AssertionError("only steps with a manifest write")
         live = step.live
-        if live is not None and live["metadata"].get("deletionTimestamp"):
+        if step.replaces:
+            self.delete(step)
+        if live is not None and (step.replaces or live["metadata"].get("deletionTimestamp")):
             self.wait_until_gone([step.ref])
             live = None
         self.confirm_lease()

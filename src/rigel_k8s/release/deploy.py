@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s import __version__
-from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError
+from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
@@ -24,7 +24,7 @@ from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.locking import Held, bury, hold
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals import verdict
-from rigel_k8s.release.refusals.admission import warn_of_unfit
+from rigel_k8s.release.refusals.admission import warn_of_obstacles
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.wait import Waiter
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
@@ -36,8 +36,17 @@ from rigel_k8s.release.types import (
     ReleaseId,
     Revision,
 )
+from rigel_k8s.release.writing import make_namespace
 
 ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease
+
+
+@attrs.frozen
+class Look:
+    """What is on the cluster, and what a deploy would do there, which nothing refuses."""
+
+    survey: Survey
+    plan: Plan
 
 
 @attrs.frozen(kw_only=True)
@@ -47,6 +56,7 @@ class Run:
     Attributes:
         back_to: the revision that it deploys again; None for a deploy.
         keep: objects that stay as they are.
+        looked: a look that is not older than its caller's last write; None: none yet.
 
     The others are the arguments of deploy.
     """
@@ -57,6 +67,7 @@ class Run:
     patience: Patience = attrs.field(factory=Patience)
     back_to: int | None = None
     keep: frozenset[ObjectRef] = frozenset()
+    looked: Look | None = None
     away: frozenset[str] = frozenset()
     before: Callable[[Plan], None] | None = None
     applied: Callable[[], None] | None = None
@@ -112,16 +123,16 @@ def deploy(
 
 def diff(desired: Desired, cluster: Cluster, *, adopt: bool = False) -> Plan:
     """Return what a deploy would do; nothing is written. Raises like deploy."""
-    return look(cluster, desired, adopt=adopt)[1]
+    return look(cluster, desired, adopt=adopt).plan
 
 
 def look(
     cluster: Cluster, desired: Desired, *, adopt: bool, keep: Collection[ObjectRef] = frozenset()
-) -> tuple[Survey, Plan]:
+) -> Look:
     """Return what is on the cluster and what a deploy would do. Raises if it would be refused."""
     found = survey(cluster, desired, adopt=adopt)
     verdict.check(found, adopt=adopt)
-    return found, compare(found, keep=keep)
+    return Look(found, compare(found, keep=keep))
 
 
 def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
@@ -143,34 +154,43 @@ def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
 def carry_out(run: Run) -> Revision:
     """Deploy."""
     options = run.options
-    found, plan = look(run.cluster, run.desired, adopt=options.adopt, keep=run.keep)
-    if found.last is not None and is_settled(found, plan):
-        if found.lease is not None:
-            bury(run.cluster, found.lease, options.report)
-        return wait_settled(run, found, found.last, plan)
-    revisions.check_size(new_revision(run, found, plan))
-    make_namespace(run, found)
+    looked = run.looked or look_now(run)
+    last = looked.survey.last
+    if last is not None and is_settled(looked):
+        if looked.survey.lease is not None:
+            bury(run.cluster, looked.survey.lease, options.report)
+        return wait_settled(run, looked, last)
+    revisions.check_size(new_revision(run, looked))
+    if looked.survey.namespace is None and run.desired.create_namespace:
+        make_namespace(run.cluster, run.release.namespace)  # the Lease needs a place
     with hold(
-        *(run.cluster, run.release, options.report, options.cancel), patience=options.lock_limit
+        run.cluster, run.release, options.report, options.cancel, patience=options.lock_limit
     ) as lease:
-        found, plan = look_again(run, found, plan)
-        if found.last is not None and is_settled(found, plan):  # another deploy did it meanwhile
-            return wait_settled(run, found, found.last, plan)
-        return apply_and_record(run, found, plan, lease)
+        looked = look_again(run, looked)
+        last = looked.survey.last
+        if last is not None and is_settled(looked):  # another deploy did it meanwhile
+            return wait_settled(run, looked, last)
+        return apply_and_record(run, looked, lease)
 
 
-def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revision:
+def look_now(run: Run) -> Look:
+    """Look at the cluster. Raises if the deploy would be refused."""
+    return look(run.cluster, run.desired, adopt=run.options.adopt, keep=run.keep)
+
+
+def wait_settled(run: Run, looked: Look, last: Revision) -> Revision:
     """Return the last revision, which is as desired, when all of it is ready."""
     if run.applied is not None:
         run.applied()
-    live = [step.live for step in plan.steps if step.action == "keep" and step.live]
-    waiter(run, found, lambda: None).wait(live)
+    live = [step.live for step in looked.plan.steps if step.action == "keep" and step.live]
+    waiter(run, looked.survey, lambda: None).wait(live)
     return last
 
 
-def is_settled(found: Survey, plan: Plan) -> bool:
+def is_settled(looked: Look) -> bool:
     """Whether the last revision is good and as desired, and the cluster matches it."""
-    if found.last is None or found.last.status != "good" or plan.changes:
+    found = looked.survey
+    if found.last is None or found.last.status != "good" or looked.plan.changes:
         return False
     wanted = revisions.choose_recordable(found.manifests)
     before = (found.last.objects, found.last.options)
@@ -179,23 +199,14 @@ def is_settled(found: Survey, plan: Plan) -> bool:
     )
 
 
-def make_namespace(run: Run, found: Survey) -> None:
-    """Create the release's namespace if it is missing: the Lease needs a place."""
-    if found.namespace is None and run.desired.create_namespace:
-        ref = namespace_ref(run.release)
-        made = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}}
-        with suppress(ConflictError):  # another deploy was faster
-            run.cluster.create(made)
-
-
-def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
+def look_again(run: Run, looked: Look) -> Look:
     """Return what was found; look again if another deploy has ended since."""
     for _ in range(ATTEMPTS):
         newest = revisions.records(run.cluster, run.release)
-        if versions(newest) == versions(found.history):
-            return found, plan
-        found, plan = look(run.cluster, run.desired, adopt=run.options.adopt, keep=run.keep)
-    return found, plan
+        if versions(newest) == versions(looked.survey.history):
+            return looked
+        looked = look_now(run)
+    return looked
 
 
 def versions(records: Collection[revisions.Record]) -> list[str]:
@@ -203,14 +214,15 @@ def versions(records: Collection[revisions.Record]) -> list[str]:
     return [str(record.secret["metadata"]["resourceVersion"]) for record in records]
 
 
-def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
+def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
     """Apply, wait, prune and record, with the Lease held."""
+    found, plan = looked.survey, looked.plan
     report_plan(run, plan)
-    for line in warn_of_unfit(found):
+    for line in warn_of_obstacles(found):
         run.options.report.warn(line)
     if run.before is not None:
         run.before(plan)
-    pending = new_revision(run, found, plan)
+    pending = new_revision(run, looked)
     lease.confirm()
     revisions.create(run.cluster, pending)
     applier = Applier(
@@ -246,8 +258,9 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     return good
 
 
-def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
+def new_revision(run: Run, looked: Look) -> Revision:
     """Return the pending revision: its inventory is what was there and what will be."""
+    found, plan = looked.survey, looked.plan
     namespace = namespace_ref(run.release)
     known = {item.ref: item.uid for item in found.inventory}
     for step in plan.steps:

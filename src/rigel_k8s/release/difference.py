@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import yaml
@@ -11,14 +11,14 @@ import yaml
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.labelling import HASH_ANNOTATION
 from rigel_k8s.release.plan import substance
-from rigel_k8s.release.types import Plan, Step
+from rigel_k8s.release.types import Step
 
 HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")
 
 
-def difference(plan: Plan) -> str:
-    """Return what a plan changes as a unified diff, "" if it changes nothing."""
-    return "".join(step_difference(step) for step in plan.changes)
+def difference(steps: Iterable[Step]) -> str:
+    """Return what steps change as a unified diff, "" if they change nothing."""
+    return "".join(step_difference(step) for step in steps if step.writes)
 
 
 def step_difference(step: Step) -> str:

@@ -9,7 +9,7 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import PROTECTED, rank
-from rigel_k8s.release.survey import Live, Survey, belongs, is_unchanged
+from rigel_k8s.release.survey import Live, Survey, belongs, describe_namespace, is_unchanged
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
 
 #: What changes without us, and what does not describe the object.
@@ -24,19 +24,13 @@ def compare(survey: Survey, *, keep: Collection[ObjectRef] = ()) -> Plan:
     """
     steps = [step_of(manifest, survey) for manifest in survey.manifests]
     if survey.namespace is None and survey.desired.create_namespace:
-        steps.insert(0, namespace_step(survey))
+        namespace = describe_namespace(survey.desired.release.namespace)
+        steps.insert(0, Step("create", ref_of(namespace), namespace, result=namespace))
     wanted = {step.ref for step in steps}
     steps += [Step("keep", ref, live=survey.live.get(ref)) for ref in keep if ref in survey.live]
     gone = [i for i in survey.inventory if i.ref not in wanted and i.ref not in keep]
     steps += prunes(gone, survey.live, survey.desired.protected, survey.desired.release)
     return Plan(survey.desired.release, tuple(steps))
-
-
-def namespace_step(survey: Survey) -> Step:
-    """Return the step that creates the release's namespace."""
-    name = survey.desired.release.namespace
-    made: Manifest = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}}
-    return Step("create", ref_of(made), made, result=made)
 
 
 def step_of(manifest: Manifest, survey: Survey) -> Step:
@@ -49,7 +43,8 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
         return Step("create", ref, manifest, live, result or manifest)
     if is_unchanged(manifest, live) or (result is not None and is_same(live, result)):
         return Step("keep", ref, manifest, live, live)
-    return Step("change", ref, manifest, live, result)
+    replaces = result is not None and not result["metadata"].get("resourceVersion")
+    return Step("change", ref, manifest, live, result, replaces=replaces)
 
 
 def is_same(live: Manifest, result: Manifest) -> bool:

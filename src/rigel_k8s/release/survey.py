@@ -79,6 +79,11 @@ def namespace_ref(release: ReleaseId) -> ObjectRef:
     return ObjectRef("v1", "Namespace", "", release.namespace)
 
 
+def describe_namespace(name: str) -> dict[str, Any]:
+    """Return a namespace's manifest."""
+    return {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}}
+
+
 def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
     """Look at the cluster.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import attrs
@@ -13,7 +13,6 @@ from rigel_k8s.problems import Path
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
-Inspect: TypeAlias = Callable[[Sequence[Manifest]], Mapping[ObjectRef, str]]
 DEFAULT_TIMEOUT = 300.0  # seconds of a roll-out
 
 
@@ -23,6 +22,23 @@ class ReleaseId:
 
     namespace: str
     name: str
+
+
+@attrs.frozen
+class Obstacle:
+    """Why an object would not do its work although the API server accepts it.
+
+    Attributes:
+        ground: a short slug, by which `Desired.remedies` has a way out.
+    """
+
+    ref: ObjectRef
+    text: str
+    ground: str
+
+
+#: Finds obstacles of workloads, given their manifests and the cluster's machines.
+Inspect: TypeAlias = Callable[[Sequence[Manifest], Sequence[Manifest]], Iterable[Obstacle]]
 
 
 @attrs.frozen
@@ -37,9 +53,10 @@ class Desired:
         protected: objects that outlive `down` unless volumes are requested (claims and volumes).
         remedies: by kind of object: what to do if the right to write one is missing; by ground of
             a refusal (`quota`): what to do about it.
-        inspect: finds why new or changed workloads cannot run, by workload; called with their
-            manifests before the first write. It is the only part that is not data: only the builder
-            of a release can decide what to check.
+        inspect: finds why new or changed workloads cannot run; called before the first write. It
+            is the only part that is not data: only the builder of a release can decide what to
+            check.
+        defined: kinds, as (group, kind), that another part of the same deploy defines before.
     """
 
     release: ReleaseId
@@ -50,6 +67,7 @@ class Desired:
     protected: frozenset[ObjectRef] = frozenset()
     remedies: Mapping[str, str] = attrs.field(factory=dict)
     inspect: Inspect | None = attrs.field(default=None, eq=False, repr=False)
+    defined: frozenset[tuple[str, str]] = frozenset()
 
 
 @attrs.frozen
@@ -59,6 +77,7 @@ class Step:
     Attributes:
         live: the object on the cluster now, None if it does not exist.
         result: what it will be (the dry run's answer), None for a prune.
+        replaces: the live object is deleted first, since it cannot be changed to that.
     """
 
     action: Literal["create", "change", "keep", "prune", "forget"]
@@ -66,6 +85,12 @@ class Step:
     manifest: Manifest | None = None
     live: Manifest | None = None
     result: Manifest | None = None
+    replaces: bool = False
+
+    @property
+    def writes(self) -> bool:
+        """Whether it changes the cluster."""
+        return self.action not in ("keep", "forget")
 
 
 @attrs.frozen
@@ -83,7 +108,7 @@ class Plan:
     @property
     def changes(self) -> tuple[Step, ...]:
         """The steps that write."""
-        return tuple(s for s in self.steps if s.action not in ("keep", "forget"))
+        return tuple(step for step in self.steps if step.writes)
 
     @property
     def is_empty(self) -> bool:

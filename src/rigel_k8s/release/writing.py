@@ -7,13 +7,15 @@ object is created only if none exists, and changed only while it has the UID tha
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this_state
 from rigel_k8s.kube.failures import Conflict
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import managers, take_over
-from rigel_k8s.release.survey import Live, belongs, describe_owner
+from rigel_k8s.release.survey import Live, belongs, describe_namespace, describe_owner
 from rigel_k8s.release.types import ReleaseId
 
 TRIES = 10
@@ -43,6 +45,14 @@ def write(
                 raise
             live = look_again(cluster, ref, live, release)
     raise AssertionError("the last try returns or raises")
+
+
+def make_namespace(cluster: Cluster, name: str) -> None:
+    """Create a namespace if it does not exist."""
+    manifest = describe_namespace(name)
+    if cluster.get(ref_of(manifest)) is None:
+        with suppress(ConflictError):  # another deploy was faster
+            cluster.create(manifest)
 
 
 def choose_condition(ref: ObjectRef, live: Manifest | None, release: ReleaseId) -> Onto:

@@ -17,6 +17,7 @@ from rigel_k8s.rigelfile.options import (
     render_node,
 )
 from rigel_k8s.rigelfile.reference import reference
+from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 from rigel_k8s.rigelfile.starter import STARTERS
@@ -49,6 +50,7 @@ __all__ = [
     "reference",
     "render",
     "render_node",
+    "rigel03",
     "schema",
     "strip_places",
     "structure",

@@ -77,7 +77,7 @@ class Application:
             RigelK8sError: the Ditto cannot be reached.
         """
         rigelfile = load(self.settings)
-        spec = choose_job(rigelfile, self.settings, self.job)
+        spec = choose_job(rigelfile, self.settings, self.job).spec
         keys = spec_keys(spec)
         muto = keys.get("muto") or (keys.get(NESTED) or {}).get("muto") or {}
         muto = muto if isinstance(muto, dict) else {}

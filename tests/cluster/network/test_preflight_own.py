@@ -12,8 +12,9 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.options import Install, Network
-from rigel_k8s.network.preflight.examine import check, examine
+from rigel_k8s.network.preflight.examine import examine
 from rigel_k8s.release.types import DeployOptions
+from tests.support.preflight import check
 
 pytestmark = pytest.mark.cluster
 

@@ -84,7 +84,7 @@ def test_a_claim_that_left_the_rigelfile_is_kept_and_told(
     ("size", "storage_class", "message"),
     [
         ("16Mi", None, "cannot go from 32Mi to 16Mi: it never shrinks"),
-        ("32Mi", "fast", "never changes storageClassName"),
+        ("32Mi", "fast", "the Rigelfile now has storageClassName fast"),
     ],
 )
 def test_what_cannot_change_of_a_claim_is_refused_before_anything_is_applied(

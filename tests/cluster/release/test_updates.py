@@ -72,7 +72,7 @@ def test_an_update_changes_prunes_and_leaves_the_rest_alone(
     two = make.desired(make.config("a", k="2"), make.deployment())
     plan = diff(two, cluster)
     assert {(s.action, s.ref.name) for s in plan.changes} == {("change", "a"), ("prune", "b")}
-    assert "-  k: '1'\n+  k: '2'" in difference(plan)
+    assert "-  k: '1'\n+  k: '2'" in difference(plan.steps)
     revision = deploy(two, cluster, report=report)
     assert names(cluster, "ConfigMap", make) == {"a"}
     assert cluster.get(ref)["metadata"]["generation"] == before["generation"]
@@ -84,7 +84,7 @@ def test_a_diff_writes_nothing(cluster: Any, admin: Any, make: Any, report: Any)
     before = versions(admin, make)
     plan = diff(make.desired(make.config(a="1"), make.secret(p="hunter2")), cluster)
     assert [step.action for step in plan.steps] == ["create", "create"]
-    assert "hunter2" not in difference(plan)
+    assert "hunter2" not in difference(plan.steps)
     assert versions(admin, make) == before
 
 

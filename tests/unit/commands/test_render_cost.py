@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from rigel_k8s.app.deploying.digests import Pinned
 from rigel_k8s.cli.main import main
 from rigel_k8s.commands import releases
 from rigel_k8s.settings import Settings
@@ -44,7 +45,7 @@ def test_a_node_costs_the_same_among_few_and_among_many(
 ) -> None:
     """A thousand nodes render in about a second: no copy of a copy, no second reading."""
     # Registries have nothing to do with it, and their threads would be counted.
-    monkeypatch.setattr("rigel_k8s.app.deploying.prepare.pins", lambda *_: {})
+    monkeypatch.setattr("rigel_k8s.app.deploying.prepare.pin", lambda *_: Pinned({}))
     calls(tmp_path, 2)  # imports, caches
     few, more, many = (calls(tmp_path, nodes) for nodes in (20, 120, 220))
     assert many - more == pytest.approx(more - few, rel=0.02)

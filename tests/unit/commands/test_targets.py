@@ -98,7 +98,7 @@ def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:
     found = settings(tmp_path, DEPLOY, BUILD)
     with pytest.raises(UserError, match='unknown job "deplo", did you mean "deploy"'):
         job_of(found, "deplo")
-    with pytest.raises(UserError, match='the job "build" is not an orchestration job'):
+    with pytest.raises(UserError, match='the job "build" deploys nothing'):
         job_of(found, "build")
     with pytest.raises(UserError, match="has no orchestration job"):
         job_of(settings(tmp_path, BUILD), None)
@@ -198,23 +198,13 @@ def test_a_release_needs_no_rigelfile(
     assert (found.id.namespace, found.id.name) == ("lab", "arm")
 
 
-def test_without_a_rigelfile_the_only_release_is_meant(
+def test_without_a_rigelfile_a_release_must_be_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By what reads; what writes would do it in a wrong directory. Of several, one is named."""
     monkeypatch.chdir(tmp_path)
-    fake = FakeCluster()
-    monkeypatch.setattr(targets, "connect", lambda _: fake)
-    with pytest.raises(UserError, match="no release is named: there is none in the namespace n"):
-        release(Settings(namespace="n"))
-    deploy(Desired(ReleaseId("n", "one"), (), create_namespace=True), fake, report=Recorder())
-    assert release(Settings(namespace="n")).id == ReleaseId("n", "one")
     with pytest.raises(UserError, match="no release is named") as caught:
-        release(Settings(namespace="n"), named=True)
+        release(Settings())
     assert "rigel list" in str(caught.value.hint)
-    deploy(Desired(ReleaseId("n", "two"), (), create_namespace=True), fake, report=Recorder())
-    with pytest.raises(UserError, match="there are one, two in the namespace n"):
-        release(Settings(namespace="n"))
 
 
 def test_a_rigelfile_that_was_named_and_is_missing_is_an_error(tmp_path: Path) -> None:
@@ -266,7 +256,7 @@ def test_a_release_that_cannot_be_looked_up_is_told_why(
     with pytest.raises(kind, match=rf'"arm" is not a job.*{told}') as caught:
         release(words, "arm")
     assert caught.value.hint == connect.hint
-    assert caught.value.details == ("orchestration jobs: deploy",)
+    assert caught.value.details == ("jobs that deploy: deploy",)
     with pytest.raises(UserError, match='did you mean "deploy"'):
         release(words, "deplyo")
 
@@ -300,7 +290,7 @@ def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> Non
     assert release(found, "agent").id == ReleaseId("own", "muto-agent")
     assert release(found).id.name == "rigel-k8s-application"
     assert targets.list_named(found) == ["agent", "deploy"]
-    with pytest.raises(UserError, match='the job "build" is not an orchestration job'):
+    with pytest.raises(UserError, match='the job "build" deploys nothing'):
         release(found, "build")
     with pytest.raises(ProblemsError):
         release(settings(tmp_path, AGENT.replace("own", "Own_"), DEPLOY), "agent")

@@ -28,7 +28,7 @@ from rigel_k8s.images.registry import (
     challenge,
     find_architectures,
     log_in,
-    resolve_digests,
+    look_up,
 )
 from tests.support.digests import resolve_digest
 
@@ -216,7 +216,7 @@ def test_a_silent_registry_is_not_asked_for_each_of_its_images(registry: Registr
     """What is known after a few requests is not waited for a thousand times; others are asked."""
     with silence(1) as ([silent], count):
         images = [f"{silent}/team/app:{number}" for number in range(1000)]
-        found = resolve_digests([*images, f"{registry.name}/team/app:1"], timeout=1)
+        found = look_up([*images, f"{registry.name}/team/app:1"], timeout=1).digests
         assert found == {f"{registry.name}/team/app:1": DIGEST}
         assert count() < 50  # two connections for each request: TLS, then plain HTTP
 
@@ -226,7 +226,7 @@ def test_silent_registries_are_not_all_waited_for(registry: Registry) -> None:
     good, missing = (f"{registry.name}/team/app:{tag}" for tag in "12")
     with silence(100) as (names, count):
         images = [f"{name}/team/app:1" for name in names]
-        assert resolve_digests([good, *images, missing], timeout=0.5) == {good: DIGEST}
+        assert look_up([good, *images, missing], timeout=0.5).digests == {good: DIGEST}
         assert "/v2/team/app/manifests/2" in {path for _, path, _ in registry.seen}
         assert count() < 80  # of 200
 

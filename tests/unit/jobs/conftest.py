@@ -10,7 +10,7 @@ import attrs
 import pytest
 
 from rigel_k8s.jobs.execution import RunContext
-from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.job import JobContext, JobOptions
 from rigel_k8s.jobs.steps import Branches, Job
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.model import ComponentSpec
@@ -64,7 +64,7 @@ def around(told: Recorder) -> RunContext:
         application=Application("noetic"),
         settings=Settings(),
         report=told,
-        realise=lambda job, data: (dict(data), {}),
+        realise=lambda job, data: JobOptions(dict(data), {}),
         matrix=lambda step, data: step.matrix.value if step.matrix else {},
         grace=20,
     )

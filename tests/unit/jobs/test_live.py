@@ -139,6 +139,7 @@ import sys, threading
 from rigel_k8s.errors import Interrupted
 from rigel_k8s.jobs import live
 from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs.job import JobOptions
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.steps import Jobs
@@ -169,7 +170,7 @@ def deaf(job):
     say("running")
     threading.Event().wait()
 
-around = RunContext(Application("noetic"), Settings(), Report(), lambda j, d: ({}, {}),
+around = RunContext(Application("noetic"), Settings(), Report(), lambda j, d: JobOptions({}, {}),
                       lambda s, d: {}, grace=float(sys.argv[2]))
 job = make_job("work", {"listens": listens, "deaf": deaf}[sys.argv[1]])
 try:

@@ -11,7 +11,7 @@ import pytest
 from rigel_k8s.app.desired import draft
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
-from rigel_k8s.commands.targets import TargetJob, job_of, names_of
+from rigel_k8s.commands.targets import TargetJob, choose_job, job_of, names_of
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
@@ -282,7 +282,10 @@ def test_a_stack_that_an_earlier_job_names_is_looked_at_when_it_is_known(tmp_pat
     path = write(tmp_path, LISTENER, muto={"stack": "{{ data.stack }}"}, deployment_name="robot")
     assert findings(path) == []
     loaded = load(path)
-    assert str(names_of(loaded, loaded.jobs["deploy"], Settings()).deployment_name) == "robot"
+    assert (
+        str(names_of(loaded, choose_job(loaded, Settings(), "deploy"), Settings()).deployment_name)
+        == "robot"
+    )
 
 
 def test_a_revision_records_nodes_and_no_stack(tmp_path: Path) -> None:

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import base64
-import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import attrs
 import pytest
 
-from rigel_k8s.app.deploying.prepare import Preparation
-from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types import orchestration
 from rigel_k8s.jobs.types.observability import ObservabilityJob
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.observability import (
@@ -24,13 +19,21 @@ from rigel_k8s.observability import (
     install as observability_install,
 )
 from rigel_k8s.observability.desired import desired_stack, render_stack
-from rigel_k8s.observability.install import install
+from rigel_k8s.observability.install import (
+    find_missing_operator,
+    requested_stack,
+    stack_part,
+    warn_of_lost_data,
+)
 from rigel_k8s.observability.installation import api_servers, find_namespace, gives_storage
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import request_of
-from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.release.together import deploy
+from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
+from tests.support.controllers import Controllers, unready
+from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
 
 NOETIC = Application(distro="noetic")
@@ -98,7 +101,6 @@ def last(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return revision(options) if options else None
 
     monkeypatch.setattr(observability_wanted, "find_last_good", found)
-    monkeypatch.setattr(observability_install, "find_last_good", found)
     return options
 
 
@@ -176,19 +178,14 @@ def test_storage_and_api_servers_are_looked_for() -> None:
     assert find_namespace(cluster) is None
 
 
-def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:
-    """And nothing is written."""
-    raw = {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
+def test_without_an_operator_the_way_out_is_told() -> None:
     cluster: Any = Cluster(served=("PodMonitor",))
-    with pytest.raises(UserError, match="has no kind PrometheusRule") as told:
-        install(cluster, request_of(raw), job().deploy_options)
-    assert "install the operator first" in str(told.value.hint)
-    assert cluster.secret is None
+    [error] = find_missing_operator(cluster)
+    assert "has no kind PrometheusRule" in error.message
+    assert "install the operator first" in str(error.hint)
 
 
-def test_who_may_only_deploy_applications_does_so(
-    last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_may_only_deploy_applications_does_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stack is an administrator's: its job fails without the rights, theirs goes on."""
     refusals = iter([Forbidden("forbidden"), Forbidden("forbidden"), Refusal("away")])
 
@@ -196,14 +193,14 @@ def test_who_may_only_deploy_applications_does_so(
         raise next(refusals)
 
     monkeypatch.setattr(observability_install, "desired_stack", look)
-    context, cluster = job(), Cluster()
+    report, cluster = Recorder(), Cluster()
     with pytest.raises(Forbidden) as told:
-        install(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
+        stack_part(request_of({}), cluster)  # type: ignore[arg-type]
     assert "administrator" in str(told.value.hint)
-    observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
-    assert "stays unchanged; let an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
+    assert requested_stack(request_of({}), cluster, report) == []  # type: ignore[arg-type]
+    assert "stays as it is; let an administrator" in report.warnings[0]
     with pytest.raises(Refusal, match="away"):
-        observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
+        requested_stack(request_of({}), cluster, report)  # type: ignore[arg-type]
 
 
 def test_a_password_is_random_and_made_once() -> None:
@@ -241,38 +238,7 @@ def test_data_that_nobody_keeps_are_told_of(
 ) -> None:
     """A cluster without a default StorageClass loses them with the pod."""
     found = asked({"enabled": True, "prometheus": {"persistence": {"enabled": False}}})
-    report = Recorder()
-    observability_install._warn_of_lost_data(found, report)
-    assert [warning.split()[0] for warning in report.warnings] == ["loki"]
-
-
-ASKED = Preparation(
-    Desired(ReleaseId("robots", "demo"), ()), OrchestrationOptions(), stack=request_of({})
-)
-
-
-def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stack that does not become ready is told, and told again at the end."""
-    failed = RolloutFailed("loki is not ready")
-
-    def ensure(*_: Any, **__: Any) -> None:
-        raise failed
-
-    monkeypatch.setattr(observability_install, "ensure", ensure)
-    context = job()
-    assert orchestration._observe(ASKED, None, context) is failed  # type: ignore[arg-type]
-    assert "the application is deployed anyway" in context.report.warnings[0]  # type: ignore[attr-defined]
-
-
-def test_an_interruption_is_none_of_the_stacks_failures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the user wrote, and what the user stopped, ends the job."""
-
-    def ensure(*_: Any, **__: Any) -> None:
-        raise UserError("no such thing")
-
-    monkeypatch.setattr(observability_install, "ensure", ensure)
-    with pytest.raises(UserError):
-        orchestration._observe(ASKED, None, job())  # type: ignore[arg-type]
+    assert [warning.split()[0] for warning in warn_of_lost_data(found.stack)] == ["loki"]
 
 
 def test_the_job_that_is_switched_off_does_nothing() -> None:
@@ -290,38 +256,41 @@ def test_one_stack_at_a_time() -> None:
 
 
 @pytest.fixture
-def deployed(last: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What is given to deploy; the plan has a change where `last` is not what is wanted."""
-    calls: list[Any] = []
+def install(fake: FakeCluster, report: Recorder) -> Callable[..., None]:
+    """Install the stack on the fake: install({...}, own=False)."""
 
-    class Plan:
-        changes: tuple[str, ...] = ()
+    def call(raw: Mapping[str, Any], *, own: bool = True, timeout: float = 5) -> None:
+        options = DeployOptions(report=report, timeout=timeout)
+        deploy([stack_part(request_of(raw), fake, own=own)], fake, options)
 
-    def deploy(desired: Any, cluster: Any, options: Any, **words: Any) -> Revision:
-        calls.append({**words, "options": options})
-        return attrs.evolve(revision(desired.options), number=4)
-
-    monkeypatch.setattr(observability_install, "diff", lambda *_, **__: Plan())
-    monkeypatch.setattr(observability_install, "deploy", deploy)
-    return calls
+    return call
 
 
-def test_a_stack_that_is_there_costs_no_wait(last: dict[str, Any], deployed: list[Any]) -> None:
+WITHOUT_GRAFANA = {"enabled": True, "grafana": {"enabled": False}}
+
+
+def test_a_stack_that_is_there_costs_no_wait(
+    install: Any, fake: FakeCluster, report: Recorder
+) -> None:
     """Though a machine is away whose collector nobody can wait for."""
-    last |= {"grafana": {"enabled": False}}
-    away = {"kind": "Node", "metadata": {"name": "robot"}, "spec": {}, "status": {}}
-    cluster: Any = Cluster(away)
-    done = install(cluster, request_of({"enabled": True}), job().deploy_options)
-    assert (done.changed, done.revision.number, deployed) == (False, 3, [])
-    done = install(cluster, request_of({"loki": {"retention": "3d"}}), job().deploy_options)
-    assert (done.changed, done.away) == (True, ("robot",))
-    assert deployed[0]["away"] == ("robot",)
+    install(WITHOUT_GRAFANA)
+    assert report.lines[-1].endswith("is at revision 1")
+    fake.create({"apiVersion": "v1", "kind": "Node", "metadata": {"name": "robot"}, "spec": {}})
+    fake.store.controllers = Controllers(unready)
+    fake.calls.clear()
+    install(WITHOUT_GRAFANA, own=False)
+    assert fake.writes == []
+    assert not any("robot" in warning for warning in report.warnings)
+    with pytest.raises(RolloutFailed):
+        install({"loki": {"retention": "3d"}}, timeout=0.2)
+    assert "machine robot is not ready: the installation does not wait for it" in report.warnings
 
 
-def test_cancelling_reaches_the_deploy(last: dict[str, Any], deployed: list[Any]) -> None:
-    """Whoever presses Ctrl-C does not wait for the stack."""
-    cancel = threading.Event()
-    context = attrs.evolve(job(), cancel=cancel)
-    cluster: Any = Cluster()
-    install(cluster, request_of({"grafana": {"enabled": False}}), context.deploy_options)
-    assert deployed[0]["options"].cancel is cancel
+def test_an_application_goes_on_without_its_stack(
+    install: Any, fake: FakeCluster, report: Recorder
+) -> None:
+    """That it does not become ready is a warning with the cause."""
+    fake.store.controllers = Controllers(unready)
+    install(WITHOUT_GRAFANA, own=False, timeout=0.2)
+    [warning] = [text for text in report.warnings if "not ready within" in text]
+    assert "everything else is deployed" in warning

@@ -22,7 +22,7 @@ from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check
 from rigel_k8s.release.survey import Survey
-from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision, Step
+from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision, Step
 
 RELEASE = ReleaseId("n", "demo")
 NAMESPACE = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}}
@@ -265,10 +265,10 @@ def test_a_difference_shows_lines_and_hides_secrets() -> None:
         for value in ("b2xk", "bmV3")
     )
     step = Step("change", ref_of(one), two, one, two)
-    text = difference(Plan(RELEASE, (step,)))
+    text = difference([step])
     assert "-  p: (hidden, as it is)\n+  p: (hidden, changed)\n   q: (hidden)\n" in text
     assert "b2xk" not in text
-    assert difference(Plan(RELEASE, (Step("keep", ref_of(one), one, one, one),))) == ""
+    assert difference([Step("keep", ref_of(one), one, one, one)]) == ""
 
 
 def test_unknown_kinds_come_before_workloads() -> None:

@@ -38,7 +38,7 @@ def claim(size: str, **spec: Any) -> dict[str, Any]:
             claim("1Gi", storageClassName="a"),
             claim("1Gi", storageClassName="b"),
             IMMUTABLE,
-            "Kubernetes never changes storageClassName (a to b) of a claim",
+            "it exists with storageClassName a, the Rigelfile now has storageClassName b",
         ),
         (claim("1Gi"), claim("1Gi"), ("spec.x", "no"), "spec.x: no"),
         (

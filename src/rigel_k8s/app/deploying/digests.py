@@ -5,34 +5,50 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import attrs
+
 from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.images.registry import DIGESTS, resolve_digests
+from rigel_k8s.images.registry import DIGESTS, look_up
 from rigel_k8s.objects.images import images_of
 
 Manifests = Iterable[Mapping[str, Any]]
 
 
-def pins(
+@attrs.frozen
+class Pinned:
+    """Which images a release runs.
+
+    Attributes:
+        by_digest: image to image@digest, of those whose digest is known.
+        unknown: those that their registries do not have, and no earlier revision had.
+    """
+
+    by_digest: Mapping[str, str]
+    unknown: frozenset[str] = frozenset()
+
+
+def pin(
     images: Sequence[str],
     data: Mapping[str, Any],
     credentials: Sequence[RegistryCredentials],
     last_objects: Callable[[], Manifests],
-) -> dict[str, str]:
-    """Return {image: image@digest} for the images whose digest is known.
+) -> Pinned:
+    """Return the images with their digests.
 
     The sources, in this order: a push of this run, the image's registry, the last revision. An
     image of the nodes' own (loaded, never pushed) has none and stays as it is.
     """
     digests = dict(_find_pushed(images, data))
     rest = [image for image in images if image not in digests and "@" not in image]
-    digests |= resolve_digests(rest, credentials)
+    answers = look_up(rest, credentials)
+    digests |= answers.digests
     found = {image: f"{image}@{digest}" for image, digest in digests.items()}
     rest = [image for image in rest if image not in found]
     if rest:
         last = dict(_read_revision(last_objects()))
         found |= {image: last[image] for image in rest if image in last}
-    return found
+    return Pinned(found, answers.unknown - found.keys())
 
 
 def _find_pushed(images: Sequence[str], data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

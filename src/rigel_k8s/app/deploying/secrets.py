@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.image_reference import parse_reference
@@ -16,6 +16,7 @@ from rigel_k8s.images.credentials import RegistryCredentials, docker_config
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.release.writing import make_namespace
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -59,27 +60,15 @@ def secret_of(release: ReleaseId, credentials: Sequence[RegistryCredentials]) ->
 
 
 def write_pull_secret(
-    desired: Desired,
-    credentials: Sequence[RegistryCredentials],
-    cluster: Cluster,
-    *,
-    before: Callable[[], object],
+    desired: Desired, credentials: Sequence[RegistryCredentials], cluster: Cluster
 ) -> None:
-    """Write the pull secret before the first pod needs it; nothing if it is unchanged.
-
-    Args:
-        before: called before it is written; raises if the release itself will be refused.
-    """
+    """Write the pull secret before the first pod needs it; nothing if it is unchanged."""
     if not credentials:
         return
     wanted = secret_of(desired.release, credentials)
     live = cluster.get(ref_of(wanted))
     if live is not None and live.get("data") == wanted["data"]:
         return
-    before()
-    namespace = ObjectRef("v1", "Namespace", "", desired.release.namespace)
-    if desired.create_namespace and cluster.get(namespace) is None:
-        cluster.apply(
-            {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace.name}}
-        )
+    if desired.create_namespace:
+        make_namespace(cluster, desired.release.namespace)
     cluster.apply(wanted)

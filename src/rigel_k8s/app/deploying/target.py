@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
@@ -13,9 +12,7 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
 
-def release_of(
-    options: OrchestrationOptions, settings: Settings, cluster: Cluster | None = None
-) -> ReleaseId:
+def release_of(options: Any, settings: Settings, cluster: Cluster | None = None) -> ReleaseId:
     """Return the release: -n, else the Rigelfile's namespace, else the context's, else default."""
     namespace = settings.namespace or options.namespace
     if not namespace:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.network.checks import check_install
 from rigel_k8s.network.options import Install
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.network.multus.install import MultusPart
 
 
 class NetworkJob:
@@ -28,15 +33,16 @@ class NetworkJob:
         """Return the cluster's network: two branches must not install it at the same time."""
         return "the cluster's network"
 
+    def parts(self, options: Install, job: JobContext, cluster: Cluster | None) -> list[MultusPart]:
+        """Return both as one release."""
+        from rigel_k8s.network.multus.install import multus_part
+
+        return [multus_part(options, cluster)]
+
     def run(self, options: Install, job: JobContext) -> None:
-        """Install.
+        """Install. Raises as jobs.deploying.deploy."""
+        from rigel_k8s.network.multus.install import describe
 
-        Raises: as network_install.install.
-        """
-        from rigel_k8s.kube import connect
-        from rigel_k8s.network.multus.install import describe, install
-
-        with connect(job.settings) as cluster:
-            cluster.endure(job.report.line, job.cancel)
-            done = install(cluster, options, job.deploy_options)
-        job.report.line(describe(done))
+        [multus] = deploy(self, options, job)
+        if multus.result is not None:
+            job.report.line(describe(multus.result))

@@ -1,16 +1,21 @@
-"""The job that deploys only the observability stack; orchestration jobs use it too."""
+"""The job that deploys only the observability stack."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.observability.checks import check
 from rigel_k8s.observability.options import ObservabilityOptions
-from rigel_k8s.observability.request import StackRequest, request_of
+from rigel_k8s.observability.request import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.together import Part
 
 
 class ObservabilityJob:
@@ -29,26 +34,17 @@ class ObservabilityJob:
         """Return the cluster's stack: two branches must not change it at the same time."""
         return "the cluster's observability stack"
 
-    def run(self, options: ObservabilityOptions, job: JobContext) -> None:
-        """Install.
+    def parts(
+        self, options: ObservabilityOptions, job: JobContext, cluster: Cluster | None
+    ) -> Sequence[Part]:
+        """Return the stack; nothing if it is switched off."""
+        from rigel_k8s.observability.install import stack_part
 
-        Raises: as observability.install.
-        """
+        return [stack_part(request_of(job.raw), cluster)] if options.enabled else []
+
+    def run(self, options: ObservabilityOptions, job: JobContext) -> None:
+        """Install it. Raises as jobs.deploying.deploy."""
         if not options.enabled:
             job.report.line("observability.enabled is false: nothing to do")
             return
-        run(request_of(job.raw), job)
-
-
-def run(request: StackRequest, job: JobContext) -> None:
-    """Install the stack that a job requests, and report what was done.
-
-    Raises: as observability.install.
-    """
-    from rigel_k8s.kube import connect
-    from rigel_k8s.observability.install import describe, install
-
-    with connect(job.settings) as cluster:
-        cluster.endure(job.report.line, job.cancel)
-        done = install(cluster, request, job.deploy_options)
-    job.report.line(describe(done))
+        deploy(self, options, job)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from typing import Any
 
 import attrs
@@ -76,6 +77,11 @@ def network_release(installation: Installation, script: str) -> Desired:
     )
 
 
+def machine_script() -> str:
+    """Return the text of machine.sh."""
+    return (files("rigel_k8s.network.multus") / "machine.sh").read_text(encoding="utf-8")
+
+
 def _is_ours(definition: Object, installation: Installation) -> bool:
     return definition["metadata"]["name"] not in installation.there
 
@@ -98,7 +104,13 @@ def _objects(installation: Installation, text: str) -> Iterator[Object]:
     for machines in machines_of(installation):
         if installation.multus:
             plugins = installation.plugins_image(machines)
-            yield from multus_daemon(machines, script, installation.multus_image, plugins)
+            yield from multus_daemon(
+                machines,
+                script,
+                installation.multus_image,
+                plugins,
+                dhcp=bool(installation.options.dhcp),
+            )
         if installation.whereabouts:
             yield address_keeper(machines, script, installation.whereabouts_image)
 

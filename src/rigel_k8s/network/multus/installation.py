@@ -29,7 +29,7 @@ IMAGES = {"multus": ("multus", "multus-cni"), "whereabouts": ("whereabouts",)}
 
 
 @attrs.frozen
-class MultusPart:
+class MultusPresence:
     """Multus or whereabouts on the cluster: one DaemonSet or several.
 
     Attributes:
@@ -65,8 +65,8 @@ class Found:
 
     nodes: tuple[Object, ...]
     groups: tuple[Group, ...]
-    multus: MultusPart | None
-    whereabouts: MultusPart | None
+    multus: MultusPresence | None
+    whereabouts: MultusPresence | None
     definitions: frozenset[str]
 
     @property
@@ -120,13 +120,13 @@ def complete_options(cluster: Cluster, given: Install) -> Install:
     return Install(**{**before, **new})
 
 
-def _part(name: str, sets: Iterable[Object]) -> MultusPart | None:
+def _part(name: str, sets: Iterable[Object]) -> MultusPresence | None:
     """Return the installed Multus or whereabouts, None if it is missing; ours comes first."""
     found = [one for one in sets if _is(name, one)]
     ours = tuple(one for one in found if _is_ours(one))
     if ours:
-        return MultusPart(ours, ours=True)
-    return MultusPart(tuple(found), ours=False) if found else None
+        return MultusPresence(ours, ours=True)
+    return MultusPresence(tuple(found), ours=False) if found else None
 
 
 def _is(name: str, daemon_set: Object) -> bool:

@@ -15,11 +15,10 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
-from rigel_k8s.network.multus.install import installation_of
+from rigel_k8s.network.multus.install import find_release, installation_of
 from rigel_k8s.network.multus.installation import Found, complete_options, find
 from rigel_k8s.network.multus.interfaces import list_asked
 from rigel_k8s.network.multus.proving import forget
-from rigel_k8s.network.multus.rollout import find_release
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down

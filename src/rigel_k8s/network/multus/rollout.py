@@ -1,4 +1,4 @@
-"""The release of Multus and whereabouts, rolled out to the machines that are up.
+"""The roll-out of Multus and whereabouts to the machines that are up.
 
 An unreachable machine does not stop a roll-out, which is complete without it.
 """
@@ -6,26 +6,20 @@ An unreachable machine does not stop a roll-out, which is complete without it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from importlib.resources import files
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
+from rigel_k8s.errors import Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
-from rigel_k8s.network.multus.desired import Installation, network_release
+from rigel_k8s.network.multus.desired import Installation
 from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.pinning import pin
-from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy, diff, find_last_good
-from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.locking import bury_left
-from rigel_k8s.release.types import DeployOptions, Desired
+from rigel_k8s.release.types import DeployOptions
 
 Object = Mapping[str, Any]
 
@@ -46,59 +40,22 @@ class Rollout:
     found: Found
     options: DeployOptions
 
-    def run(self) -> None:
-        """Apply what differs, and return when both parts are ready on all machines that are up.
-
-        Raises:
-            RolloutFailed: they are not, and the cause is not an unreachable machine.
-            ClusterError, ConflictError, Refused: as in deploy.
-        """
-        desired = find_release(self.cluster, self.installation, self.found)
-        end = time.monotonic() + self.options.limit
-        while self._is_due(desired):
-            self._let_be_away()
-            try:
-                options = attrs.evolve(self.options, description="network")
-                deploy(desired, self.cluster, options, away=self.found.away)
-            except ClusterError:
-                if not self._wait_for_others(end):
-                    raise
-            else:
-                break
-        bury_left(self.cluster, RELEASE, self.options.report)
-        self._wait_until_complete(lambda: list(self._find_unready()), end)
-
-    def _is_due(self, desired: Desired) -> bool:
-        """Return whether something differs, or an installation was interrupted before its end."""
-        if diff(desired, self.cluster, adopt=self.options.adopt).changes:
-            return True
-        records = revisions.records(self.cluster, RELEASE)
-        return bool(records) and records[-1].status != "good"
-
-    def _let_be_away(self) -> None:
+    def let_be_away(self) -> None:
         """Let it continue although machines are unreachable: Kubernetes would wait for them."""
         rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(self.found.away)}}
         for part in (self.found.multus, self.found.whereabouts):
             for one in part.sets if self.found.away and part and part.ours else ():
                 self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
-    def _wait_for_others(self, end: float) -> bool:
-        """Wait while another `rigel` installs the same; return whether one did."""
-        ref = lease_ref(RELEASE)
-        lease = self.cluster.get(ref)
-        if lease is None:
-            return False
-        self.options.report.line(
-            f"{lease['spec'].get('holderIdentity')} installs the network: waiting"
-        )
-        while self.cluster.get(ref) is not None and time.monotonic() < end:
-            if self.options.cancel.wait(LOOK):
-                raise Interrupted(STOPPED)
-        return time.monotonic() < end
+    def wait(self) -> None:
+        """Return when both parts are ready on all machines that are up.
 
-    def _wait_until_complete(self, find_missing: Callable[[], list[str]], end: float) -> None:
-        """Wait until nothing is missing."""
-        while lines := find_missing():
+        Raises:
+            RolloutFailed: they are not within the time.
+            Interrupted: `options.cancel` was set.
+        """
+        end = time.monotonic() + self.options.limit
+        while lines := list(self.find_unready()):
             if time.monotonic() > end:
                 raise RolloutFailed(
                     f"the network is not ready on every machine within {self.options.limit:g} s",
@@ -110,7 +67,7 @@ class Rollout:
             if self.options.cancel.wait(LOOK):
                 raise Interrupted(STOPPED)
 
-    def _find_unready(self) -> Iterator[str]:
+    def find_unready(self) -> Iterator[str]:
         """Yield what is not ready or not up to date on the machines that are up."""
         labels = {RELEASE_LABEL: RELEASE.name}
         for one in self.cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):
@@ -125,17 +82,6 @@ class Rollout:
             for part in (name for name, mine in ours.items() if mine):
                 if (node, part) not in ready:
                     yield f"{part} is not ready on {node}"
-
-
-def find_release(cluster: Cluster, installation: Installation, found: Found) -> Desired:
-    """Return the desired state of the release, with images by digest."""
-    desired = network_release(installation, machine_script())
-    return pin(desired, find_last_good(cluster, RELEASE), lambda: found.nodes)
-
-
-def machine_script() -> str:
-    """Return the text of machine.sh."""
-    return (files("rigel_k8s.network.multus") / "machine.sh").read_text(encoding="utf-8")
 
 
 def part_of(pod: Object) -> str:

@@ -12,8 +12,9 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import Attachment, Range, address, find_usable, subnet
 from rigel_k8s.network.preflight.daemon import Daemon
 from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
-from rigel_k8s.network.preflight.wanted import Wanted, may_run
+from rigel_k8s.network.preflight.wanted import Wanted
 from rigel_k8s.objects.facts import is_ready
+from rigel_k8s.objects.scheduling import may_run
 
 Manifest = Mapping[str, Any]
 

@@ -18,7 +18,6 @@ from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightKind
 from rigel_k8s.network.preflight.wanted import find_wanted
 from rigel_k8s.problems import Problem
-from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -40,36 +39,42 @@ KINDS: Mapping[str, PreflightKind] = {
     if isinstance(value, PreflightKind)
 }
 
+#: Findings about Multus itself and the programs that its installation brings.
+MENDED = (
+    "multus-missing",
+    "whereabouts-missing",
+    "multus-not-on-node",
+    "multus-not-ready",
+    "program-missing",
+    "dhcp-daemon",
+    "unseen",
+)
 
-def check(
+
+def inspect(
     objects: Iterable[Mapping[str, Any]],
     network: Network | None,
     cluster: Cluster,
-    report: Reporter,
-) -> None:
-    """Warn of what may go wrong, and raise an error if the network cannot work.
-
-    docs/preflight.md lists the findings.
+    *,
+    mended: bool = False,
+) -> tuple[RigelK8sError | None, tuple[str, ...]]:
+    """Return why the network cannot work, and what may go wrong; docs/preflight.md lists them.
 
     Args:
         objects: all manifests of the release.
         network: the job's `network`.
+        mended: leave out what an installation of Multus will mend.
 
-    Raises:
-        UserError: at least one finding needs a change of the Rigelfile; it contains all findings.
-        ClusterError: something is missing on the cluster.
+    Returns:
+        A UserError if a finding needs a change of the Rigelfile, a ClusterError if something is
+        missing on the cluster; it contains all findings that are errors.
     """
-    report_findings(examine(objects, network, cluster), report)
-
-
-def report_findings(found: Sequence[Problem], report: Reporter) -> None:
-    """Print warnings, and raise an error for the others as `check` does."""
-    for problem in found:
-        if not problem.is_error:
-            report.warn(problem.text)
-    error = failure([problem for problem in found if problem.is_error])
-    if error:
-        raise error
+    found = examine(objects, network, cluster)
+    found = [problem for problem in found if not (mended and problem.kind in MENDED)]
+    return (
+        failure([problem for problem in found if problem.is_error]),
+        tuple(problem.text for problem in found if not problem.is_error),
+    )
 
 
 def examine(
@@ -106,5 +111,5 @@ def failure(errors: Sequence[Problem]) -> RigelK8sError | None:
     return failed(
         f"{len(errors)} things keep the network of this release from working",
         details=[line for problem in errors for line in problem.lines()],
-        hint="nothing was applied; `rigel explain KIND` explains the word in brackets",
+        hint="nothing was changed; `rigel explain KIND` explains the word in brackets",
     )

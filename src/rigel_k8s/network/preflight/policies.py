@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightKind, list_some
-from rigel_k8s.network.preflight.wanted import is_selected
+from rigel_k8s.objects.scheduling import is_selected
 from rigel_k8s.problems import Problem
 
 NETWORK_POLICY = PreflightKind(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import attrs
@@ -13,12 +13,6 @@ from rigel_k8s.network.preflight.machine import Address
 from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
 
 Manifest = Mapping[str, Any]
-
-#: ROS images are Linux'.
-SYSTEM = "kubernetes.io/os"
-
-#: Taints that come and go with a machine's state: its pods wait for it.
-PASSING = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
 @attrs.frozen
@@ -95,72 +89,3 @@ def _items(text: str) -> list[Mapping[str, Any]]:
     except ValueError:
         return []
     return [item for item in read if isinstance(item, dict)]
-
-
-def may_run(pod: Manifest, node: Manifest) -> bool:
-    """Return whether the scheduler may put a pod (its spec) on a machine, if that were ready."""
-    labels = node["metadata"].get("labels") or {}
-    name = node["metadata"]["name"]
-    if labels.get(SYSTEM, "linux") != "linux":
-        return False
-    if pod.get("nodeName"):
-        return bool(pod["nodeName"] == name)
-    chosen = pod.get("nodeSelector") or {}
-    return (
-        chosen.items() <= labels.items()
-        and _has_affinity(pod, labels, name)
-        and all(
-            _is_tolerated(taint, pod.get("tolerations") or [])
-            for taint in (node.get("spec") or {}).get("taints") or []
-        )
-    )
-
-
-def _has_affinity(pod: Manifest, labels: Mapping[str, str], name: str) -> bool:
-    affinity = (pod.get("affinity") or {}).get("nodeAffinity") or {}
-    required = affinity.get("requiredDuringSchedulingIgnoredDuringExecution")
-    if not required:
-        return True
-    return any(_meets(term, labels, name) for term in required.get("nodeSelectorTerms") or [])
-
-
-def _meets(term: Manifest, labels: Mapping[str, str], name: str) -> bool:
-    fields = {"metadata.name": name}
-    return all(_holds(one, labels) for one in term.get("matchExpressions") or []) and all(
-        _holds(one, fields) for one in term.get("matchFields") or []
-    )
-
-
-def _holds(rule: Manifest, labels: Mapping[str, str]) -> bool:
-    """Return whether labels match one expression of a selector."""
-    value, values = labels.get(rule["key"]), rule.get("values") or []
-    if rule["operator"] in ("In", "NotIn"):
-        return (value in values) is (rule["operator"] == "In")
-    if rule["operator"] in ("Exists", "DoesNotExist"):
-        return (value is not None) is (rule["operator"] == "Exists")
-    if value is None or not value.lstrip("-").isdigit():
-        return False
-    difference = int(value) - int(values[0])
-    return difference > 0 if rule["operator"] == "Gt" else difference < 0
-
-
-def _is_tolerated(taint: Manifest, tolerations: Sequence[Manifest]) -> bool:
-    if taint.get("effect") == "PreferNoSchedule" or taint["key"] in PASSING:
-        return True
-    return any(_tolerates(one, taint) for one in tolerations)
-
-
-def _tolerates(one: Manifest, taint: Manifest) -> bool:
-    if one.get("effect") and one["effect"] != taint.get("effect"):
-        return False
-    if one.get("operator") == "Exists":
-        return not one.get("key") or bool(one["key"] == taint["key"])
-    same = one.get("key") == taint["key"] and one.get("value", "") == taint.get("value", "")
-    return bool(same)
-
-
-def is_selected(selector: Manifest, labels: Mapping[str, str]) -> bool:
-    """Return whether a label selector, such as a policy's, selects a pod with these labels."""
-    return (selector.get("matchLabels") or {}).items() <= labels.items() and all(
-        _holds(rule, labels) for rule in selector.get("matchExpressions") or []
-    )

@@ -42,22 +42,24 @@ def find_refused_pods(survey: Survey) -> Iterator[Problem]:
         yield make_problem(survey, refs, f"the cluster refuses its pods: {reason}", ground)
 
 
-def find_unfit(survey: Survey) -> Iterator[Problem]:
-    """Yield a problem for each workload that no machine can run and that the release needs."""
+def find_obstacles(survey: Survey) -> Iterator[Problem]:
+    """Yield a problem for each obstacle of what the release needs."""
     optional = {ref_of(m) for m in survey.manifests if is_optional(m)}
-    for ref, reason in survey.foreseen.unfit.items():
-        if ref not in optional:
-            yield make_problem(survey, [ref], reason, "architecture")
+    shared: dict[tuple[str, str], list[ObjectRef]] = {}
+    for one in survey.foreseen.obstacles:
+        if one.ref not in optional:
+            shared.setdefault((one.text, one.ground), []).append(one.ref)
+    for (text, ground), refs in shared.items():
+        yield make_problem(survey, refs, text, ground)
 
 
-def warn_of_unfit(survey: Survey) -> Iterator[str]:
-    """Yield a line for each workload that no machine can run and that can be done without."""
-    unfit = survey.foreseen.unfit
-    for manifest in survey.manifests:
-        ref = ref_of(manifest)
-        if is_optional(manifest) and ref in unfit:
-            way_out = remedy_of(manifest)
-            text = f"{ref.name} will not start: {unfit[ref]}; {survey.desired.release.name} runs"
+def warn_of_obstacles(survey: Survey) -> Iterator[str]:
+    """Yield a line for each workload that will not start and that can be done without."""
+    by_name = {ref_of(m): m for m in survey.manifests}
+    for one in survey.foreseen.obstacles:
+        if is_optional(by_name[one.ref]):
+            way_out = remedy_of(by_name[one.ref])
+            text = f"{one.ref.name} will not start: {one.text}; {survey.desired.release.name} runs"
             yield f"{text} without it" + (f"; {way_out}" if way_out else "")
 
 

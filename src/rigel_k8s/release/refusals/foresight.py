@@ -6,7 +6,7 @@ answers mean.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,9 +15,12 @@ import attrs
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.facts import is_empty_claim
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.rights import Right
+from rigel_k8s.release.refusals.machines import find_homeless
 from rigel_k8s.release.refusals.missing import look_for_missing
+from rigel_k8s.release.refusals.needs import find_absent, find_needs
 from rigel_k8s.release.refusals.rights import need_for
 from rigel_k8s.release.refusals.trials import (
     Trial,
@@ -26,7 +29,7 @@ from rigel_k8s.release.refusals.trials import (
     try_object,
     try_pod,
 )
-from rigel_k8s.release.types import Desired
+from rigel_k8s.release.types import Desired, Obstacle
 
 Live = dict[str, Any]
 
@@ -67,14 +70,14 @@ class Foreseen:
         pods: by workload: its pod as the cluster would store it, or why it would be refused.
         quotas: the namespace's ResourceQuotas.
         missing: the rights that are missing.
-        unfit: why workloads cannot run, from `Desired.inspect`.
+        obstacles: why objects would not work although the API server accepts them.
     """
 
     results: Mapping[ObjectRef, Live | Refusal] = attrs.field(factory=dict)
     pods: Mapping[ObjectRef, Manifest | Refusal] = attrs.field(factory=dict)
     quotas: Sequence[Live] = ()
     missing: Sequence[Right] = ()
-    unfit: Mapping[ObjectRef, str] = attrs.field(factory=dict)
+    obstacles: Sequence[Obstacle] = ()
 
 
 def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
@@ -88,11 +91,15 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     pods: dict[ObjectRef, Manifest | Refusal] = {}
     quotas: list[Live] = []
     missing: list[Right] = []
-    unfit: dict[ObjectRef, str] = {}
+    obstacles: list[Obstacle] = []
     release, there = work.desired.release, work.namespace is not None
 
     def try_one(manifest: Manifest) -> None:
-        results[ref_of(manifest)] = try_object(cluster, manifest, work.desired, adopt=adopt)
+        ref = ref_of(manifest)
+        result = try_object(cluster, manifest, work.desired, adopt=adopt)
+        if isinstance(result, Refusal) and result.status == 422 and replaces(manifest, work.live):
+            result = dict(manifest)  # as new: the old one goes before
+        results[ref] = result
 
     def try_its_pod(trial: Trial) -> None:
         if (answer := try_pod(cluster, trial)) is not None:
@@ -104,17 +111,45 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
-    inspect = work.desired.inspect
     changed = [m for m in work.candidates if changes_template(m, work.live)]
-    if inspect is not None and changed:
-        calls.append(lambda: unfit.update(inspect(changed)))
+    if changed:
+        calls.append(lambda: obstacles.extend(find_obstacles(cluster, work.desired, changed)))
+    claims = [m for m in work.candidates if is_new_claim(m, work.live)]
+    if needs := find_needs(changed, claims, work.manifests):
+        calls.append(lambda: obstacles.extend(find_absent(cluster, needs)))
     if there and work.candidates:
         calls.append(lambda: quotas.extend(list_quotas(cluster, release.namespace)))
     cluster.parallel(lambda call: call(), calls)
     refs = [ref_of(manifest) for manifest in work.in_reach]
     in_order = {ref: results[ref] for ref in refs}
     tried = {ref: pods[ref] for ref in refs if ref in pods}
-    return Foreseen(in_order, tried, quotas, missing, unfit)
+    return Foreseen(in_order, tried, quotas, missing, obstacles)
+
+
+def find_obstacles(
+    cluster: Cluster, desired: Desired, changed: Sequence[Manifest]
+) -> Iterator[Obstacle]:
+    """Yield why no machine can run workloads, and what the release's builder finds wrong."""
+    try:
+        nodes = cluster.nodes()
+    except ClusterError:  # we may not see machines; the scheduler reports it later
+        nodes = ()
+    yield from find_homeless(changed, nodes)
+    if desired.inspect is not None:
+        yield from desired.inspect(changed, nodes)
+
+
+def replaces(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
+    """Whether what exists may be deleted for its successor: a claim without a volume."""
+    there = live.get(ref_of(manifest))
+    return manifest["kind"] == "PersistentVolumeClaim" and bool(there and is_empty_claim(there))
+
+
+def is_new_claim(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
+    """Whether a manifest is a claim that does not exist yet, or that is still without a volume."""
+    if manifest["kind"] != "PersistentVolumeClaim":
+        return False
+    return ref_of(manifest) not in live or replaces(manifest, live)
 
 
 def list_needed(work: Work) -> set[Right]:

@@ -160,9 +160,9 @@ def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
 
 
 def defines(desired: Desired, manifest: Manifest) -> bool:
-    """Whether the release itself defines an object's kind."""
+    """Whether the release itself, or what is deployed before it, defines an object's kind."""
     group = manifest["apiVersion"].partition("/")[0]
-    return any(
+    return (group, manifest["kind"]) in desired.defined or any(
         (m["spec"]["group"], m["spec"]["names"]["kind"]) == (group, manifest["kind"])
         for m in desired.objects
         if m["kind"] == "CustomResourceDefinition"

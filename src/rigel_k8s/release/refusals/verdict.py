@@ -13,10 +13,13 @@ from rigel_k8s.errors import ConflictError, UserError
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.objects.text import plural
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
-from rigel_k8s.release.refusals.admission import find_exceeded, find_refused_pods, find_unfit
+from rigel_k8s.release.refusals.admission import (
+    find_exceeded,
+    find_obstacles,
+    find_refused_pods,
+)
 from rigel_k8s.release.refusals.missing import explain_missing
 from rigel_k8s.release.survey import Survey, belongs, describe_owner
 
@@ -32,8 +35,9 @@ SIZE = (
     "its storage class allows it; keep {old}, or delete it with its data first: {delete}"
 )
 CLAIM = (
-    "Kubernetes never changes {fields} of a claim; keep what it has, give the volume another name, "
-    "or delete it with its data first: {delete}"
+    "it exists with {old}, the Rigelfile now has {new}, and Kubernetes cannot change that once a "
+    "claim has its volume; write the old value again, give the volume another name to get an empty "
+    "one, or delete the claim and its data first: {delete}"
 )
 VOLUME = (
     "Kubernetes never changes where a volume's data are; keep the path, give the volume another "
@@ -66,7 +70,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         *find_invalid(survey),
         *find_refused_pods(survey),
         *find_exceeded(survey),
-        *find_unfit(survey),
+        *find_obstacles(survey),
     ]
     if problems:
         error = Refused(
@@ -78,8 +82,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         raise error
     if lines := [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]:
         raise ConflictError(
-            f"{plural(len(lines), 'object')} of {survey.desired.release.name}"
-            f" {'is' if len(lines) == 1 else 'are'} managed by others; "
+            f"{len(lines)} object(s) of {survey.desired.release.name} are managed by others; "
             "nothing was changed",
             hint=ADOPT,
             details=lines,
@@ -162,12 +165,19 @@ def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
     if old != new:
         return SIZE.format(old=old, new=new, delete=delete)
     names = ("storageClassName", "accessModes", "volumeName", "selector", "volumeMode")
-    changed = [
-        f"{name} ({live['spec'].get(name)} to {asked[name]})"
-        for name in names
-        if name in asked and asked[name] != live["spec"].get(name)
-    ]
-    return CLAIM.format(fields=", ".join(changed), delete=delete) if changed else None
+    changed = [n for n in names if n in asked and asked[n] != live["spec"].get(n)]
+    if not changed:
+        return None
+    old, new = (
+        ", ".join(f"{name} {write_value(spec.get(name))}" for name in changed)
+        for spec in (live["spec"], asked)
+    )
+    return CLAIM.format(old=old, new=new, delete=delete)
+
+
+def write_value(value: object) -> str:
+    """Return a value of a claim for people."""
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value or "(none)")
 
 
 def quote(error: Refusal) -> str:

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.deploying.digests import pins
-from rigel_k8s.app.deploying.places import check_places
-from rigel_k8s.app.deploying.prepare import prepare, release_of, timeout_of
+from rigel_k8s.app.deploying.digests import pin
+from rigel_k8s.app.deploying.prepare import Preparation, Request, prepare, timeout_of
 from rigel_k8s.app.deploying.results import extract, find_newest_pod
 from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
-from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.app.deploying.target import release_of
+from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
@@ -33,25 +33,32 @@ OTHER = "sha256:" + "cd" * 32
 
 
 class Cluster:
-    """A cluster that knows its namespace and its nodes; nothing else may be asked of it."""
+    """A cluster that knows its namespace; nothing else may be asked of it."""
 
-    def __init__(self, namespace: str = "from-context", nodes: object = ()) -> None:
-        self.namespace = namespace
-        self._nodes = nodes
-        self.has_secret = False
+    namespace = "from-context"
+    has_secret = False
 
     def get(self, ref: ObjectRef) -> dict[str, Any] | None:
         return {} if ref.kind == "Secret" and self.has_secret else None
 
-    def nodes(self) -> Any:
-        if isinstance(self._nodes, Exception):
-            raise self._nodes
-        return self._nodes
+
+def make(
+    raw: Mapping[str, Any], settings: Settings | None = None, cluster: object = None, **more: Any
+) -> Preparation:
+    """Return what a job of these options wants."""
+    inner = raw.get("orchestration", raw)
+    request = Request(
+        options=options(inner),
+        raw=raw,
+        settings=settings or Settings(),
+        **{"application": NOETIC, **more},
+    )
+    return prepare(request, cluster or Cluster())  # type: ignore[arg-type]
 
 
 def image_of(raw: Mapping[str, Any], name: str, **more: Any) -> str:
     """Return the image of a Deployment that a job wants."""
-    made_of = prepare(options(raw), raw, NOETIC, Settings(), Cluster(), **more)  # type: ignore[arg-type]
+    made_of = make(raw, **more)
     found = [m for m in made_of.desired.objects if m["kind"] == "Deployment"]
     named = {m["metadata"]["name"]: m["spec"]["template"]["spec"]["containers"][0] for m in found}
     return str(named[name]["image"])
@@ -89,7 +96,7 @@ def test_the_namespace_is_the_flags_the_files_or_the_contexts(
     """And only the one that the Rigelfile names is created."""
     raw = {"application_image": "localhost:1/a", **raw}
     settings = Settings(namespace=given)
-    found = prepare(options(raw), raw, NOETIC, settings, Cluster()).desired  # type: ignore[arg-type]
+    found = make(raw, settings).desired
     assert found.release == ReleaseId(namespace, "rigel-k8s-application")
     assert found.create_namespace is create
 
@@ -115,7 +122,7 @@ def test_a_partial_job_keeps_what_it_does_not_name(revision: dict[str, Any]) -> 
     """src.plugin's update_k8s names no image, and resets none."""
     revision["options"] = {"application_image": "localhost:1/app:1", "deploy_ros_master": False}
     raw = {"orchestration": {"rolling_update": {"strategy": "Recreate"}}}
-    found = prepare(options(raw["orchestration"]), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
+    found = make(raw).desired
     assert [m["kind"] for m in found.objects] == ["ConfigMap", "Deployment"]
     assert found.options == {**revision["options"], "rolling_update": {"strategy": "Recreate"}}
 
@@ -124,7 +131,7 @@ def test_a_part_of_nothing_is_refused(revision: object) -> None:
     """Deploying a default image instead would surprise."""
     raw = {"readiness": {"command": "x"}}
     with pytest.raises(UserError, match="describes a part of a release"):
-        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+        make(raw)
 
 
 def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
@@ -133,17 +140,10 @@ def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
     revision["options"] = {"application_image": "localhost:1/a", "persistent_storage": volumes}
     raw = {"readiness": {"command": "x"}}
     with pytest.raises(UserError, match="part of revision 3, but does not fit it") as caught:
-        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+        make(raw)
     assert caught.value.details == (
         'persistent_storage.volumes.1.name: the volume "v" already exists [name-taken]',
     )
-
-
-def test_observability_only_prunes_nothing() -> None:
-    """It describes no application, and must not end one."""
-    raw = {"observability_only": True}
-    with pytest.raises(UserError, match="describes no application"):
-        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
 
 
 # Digests
@@ -166,7 +166,7 @@ def test_digests_come_from_this_runs_push_first(registry: str, revision: object)
 def test_a_tag_and_its_short_form_are_one_image() -> None:
     """`app` is `docker.io/library/app:latest`, however it was pushed."""
     data = {"image_digests": {"docker.io/team/app:latest": DIGEST}}
-    assert pins(["team/app"], data, [], lambda: ()) == {"team/app": f"team/app@{DIGEST}"}
+    assert pin(["team/app"], data, [], lambda: ()).by_digest == {"team/app": f"team/app@{DIGEST}"}
 
 
 def test_digests_come_from_the_registry(registry: str, revision: object) -> None:
@@ -189,7 +189,7 @@ def test_a_silent_registry_leaves_the_last_revisions_digest(
 
 def test_an_image_with_a_digest_stays() -> None:
     """Nobody is asked."""
-    assert pins([f"a@{DIGEST}"], {}, [], lambda: pytest.fail("asked")) == {}
+    assert pin([f"a@{DIGEST}"], {}, [], lambda: pytest.fail("asked")).by_digest == {}
 
 
 # Credentials
@@ -203,14 +203,7 @@ def test_credentials_of_the_images_registries_become_a_pull_secret(revision: obj
         "elsewhere": RegistryCredentials("ghcr.io", "you", "concealed"),
         "ssh": object(),
     }
-    found = prepare(
-        options(raw),
-        raw,
-        NOETIC,
-        Settings(),
-        Cluster(),
-        providers=providers,  # type: ignore[arg-type]
-    )
+    found = make(raw, providers=providers)
     assert [c.username for c in found.credentials] == ["me"]
     spec = found.desired.objects[-1]["spec"]["template"]["spec"]
     assert spec["imagePullSecrets"] == [{"name": "rigel-k8s-application-registry"}]
@@ -224,7 +217,7 @@ def test_credentials_of_the_images_registries_become_a_pull_secret(revision: obj
 def test_without_credentials_there_is_no_secret(revision: object) -> None:
     """A name of a Secret that is not there would be a warning on every pod."""
     raw = {"application_image": "localhost:1/app"}
-    found = prepare(options(raw), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
+    found = make(raw).desired
     assert "imagePullSecrets" not in json.dumps(found.objects)
 
 
@@ -233,9 +226,9 @@ def test_an_unconnected_provider_takes_no_secret_away(revision: object) -> None:
     raw = {"application_image": "localhost:1/app"}
     cluster = Cluster()
     cluster.has_secret = True
-    found = prepare(options(raw), raw, NOETIC, Settings(), cluster)  # type: ignore[arg-type]
+    found = make(raw, cluster=cluster)
     assert "rigel-k8s-application-registry" in json.dumps(found.desired.objects)
-    found = prepare(options(raw), raw, NOETIC, Settings(), cluster, providers={})  # type: ignore[arg-type]
+    found = make(raw, cluster=cluster, providers={})
     assert "imagePullSecrets" not in json.dumps(found.desired.objects)
 
 
@@ -245,94 +238,11 @@ def test_an_unchanged_pull_secret_is_not_written(fake: FakeCluster) -> None:
     for password, writes in (("one", 2), ("one", 0), ("two", 1)):
         fake.calls.clear()
         me = [RegistryCredentials("localhost:1", "me", password)]
-        write_pull_secret(wanted, me, fake, before=lambda: None)  # type: ignore[arg-type]
+        write_pull_secret(wanted, me, fake)  # type: ignore[arg-type]
         assert len(fake.writes) == writes
     fake.calls.clear()
-    write_pull_secret(wanted, [], fake, before=lambda: None)  # type: ignore[arg-type]
+    write_pull_secret(wanted, [], fake)  # type: ignore[arg-type]
     assert fake.calls == []
-
-
-def test_a_refused_release_gets_no_pull_secret(fake: FakeCluster) -> None:
-    """Neither the Secret nor the namespace is written for what is refused."""
-
-    def refuse() -> None:
-        raise UserError("no")
-
-    wanted = Desired(ReleaseId("robots", "demo"), (), create_namespace=True)
-    me = [RegistryCredentials("localhost:1", "me", "one")]
-    with pytest.raises(UserError):
-        write_pull_secret(wanted, me, fake, before=refuse)  # type: ignore[arg-type]
-    assert fake.writes == []
-
-
-# Places
-
-
-def node(**labels: str) -> dict[str, Any]:
-    """Return a live node."""
-    own = {
-        key.replace("_", "/", 1).replace("kubernetes/", "kubernetes.io/"): value
-        for key, value in labels.items()
-    }
-    return {"metadata": {"name": "x", "labels": own}}
-
-
-def workload(name: str, **labels: str) -> dict[str, Any]:
-    """Return a Deployment whose pods want labels."""
-    selector = dict(node(**labels)["metadata"]["labels"])
-    spec = {"template": {"spec": {"nodeSelector": selector}}}
-    return {"kind": "Deployment", "metadata": {"name": name}, "spec": spec}
-
-
-NODES = (node(kubernetes_hostname="n1", robot="arm"), node(kubernetes_hostname="n2"))
-
-
-def test_labels_that_some_node_has_are_fine() -> None:
-    """All of them on one node."""
-    objects = [workload("a", robot="arm", kubernetes_hostname="n1"), {"kind": "Service"}]
-    check_places(objects, Cluster(nodes=NODES))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("objects", "message", "hint"),
-    [
-        (
-            [workload("a", robot="leg")],
-            "no machine of the cluster has the labels that Deployment a needs: robot=leg",
-            "kubectl label node NODE robot=leg",
-        ),
-        (
-            [workload("a", robot="arm", kubernetes_hostname="n2")],
-            "no machine of the cluster has the labels that Deployment a needs:"
-            " robot=arm, kubernetes.io/hostname=n2",
-            "kubectl label node n2 robot=arm",
-        ),
-        (
-            [workload("a", kubernetes_hostname="n3")],
-            "no machine of the cluster has the labels that Deployment a needs:"
-            " kubernetes.io/hostname=n3",
-            "placement.node must be one of n1, n2",
-        ),
-        (
-            [workload("a", robot="leg"), workload("b", robot="leg")],
-            "2 workloads need machines that do not exist",
-            "kubectl label node NODE robot=leg",
-        ),
-    ],
-)
-def test_labels_that_no_node_has_are_told_with_the_command(
-    objects: list[dict[str, Any]], message: str, hint: str
-) -> None:
-    """Before anything is applied: the scheduler would only leave the pod pending."""
-    with pytest.raises(UserError) as caught:
-        check_places(objects, Cluster(nodes=NODES))  # type: ignore[arg-type]
-    assert (caught.value.message, caught.value.hint) == (message, hint)
-
-
-def test_who_may_not_list_nodes_may_deploy() -> None:
-    """Rights in one namespace are enough."""
-    forbidden = Cluster(nodes=ClusterError("forbidden"))
-    check_places([workload("a", robot="leg")], forbidden)  # type: ignore[arg-type]
 
 
 # Timeouts
@@ -374,7 +284,7 @@ def test_a_parameter_file_is_looked_at_before_anything_is_sent(
     raw = {"nodes": {"a": {"image": "localhost:1/a", "args": "x", "parameter_files": ["p.yaml"]}}}
     settings = Settings(rigelfile=tmp_path / "Rigelfile")
     with pytest.raises(UserError, match=f"nodes.a.parameter_files: .*{message}"):
-        prepare(options(raw), raw, Application("noetic", tmp_path), settings, Cluster())  # type: ignore[arg-type]
+        make(raw, settings, application=Application("noetic", tmp_path))
 
 
 # Results

@@ -10,23 +10,19 @@ from typing import Any
 import pytest
 
 from rigel_k8s import kube
-from rigel_k8s.app.deploying import places, results, secrets
 from rigel_k8s.discovery import check as graph
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
-from rigel_k8s.network.multus import install as network_install
-from rigel_k8s.network.preflight import examine as preflight
-from rigel_k8s.network.preflight.interfaces import INTERFACE_MISSING, INTERFACE_NO_CARRIER
-from rigel_k8s.network.preflight.presence import MULTUS_MISSING
-from rigel_k8s.observability import install as observability_install
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import types
-from rigel_k8s.release.types import ReleaseId, Revision
+from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.settings import Application, Settings
 from tests.support.controllers import Controllers, running, unready
-from tests.support.fake_cluster import FakeCluster
+from tests.support.fake_cluster import FakeCluster, make_refusal
 from tests.support.options import options
 from tests.support.recorder import Recorder
 
@@ -35,20 +31,9 @@ NODES = {"talker": {"args": ["talk"]}}
 WHOLE = {
     "image": IMAGE,
     "nodes": NODES,
-    "network": {"mode": "macvlan", "interface": "eth0", "subnet": "10.1.0.0/24", "install": True},
+    "deploy_ros_master": False,
     "observability": {"enabled": True},
-    "results": {"source_path": "/data", "target": "results"},
 }
-STEPS = [
-    "places",
-    "network installed",
-    "network looked at",
-    "stack",
-    "pull secret",
-    "deploy",
-    "graph",
-    "results",
-]
 
 
 @pytest.fixture
@@ -66,88 +51,86 @@ def run(
     return call
 
 
-@pytest.fixture
-def steps(monkeypatch: pytest.MonkeyPatch) -> tuple[list[str], dict[str, RigelK8sError]]:
-    """The steps that were taken, and what some of them are to fail with."""
-    taken: list[str] = []
-    fails: dict[str, RigelK8sError] = {}
-
-    def step(name: str, result: Any = None) -> Callable[..., Any]:
-        def call(*_: Any, **__: Any) -> Any:
-            taken.append(name)
-            if name in fails:
-                raise fails[name]
-            return result
-
-        return call
-
-    revision = Revision(ReleaseId("n", "demo"), 1, "good", "", (), ())
-    monkeypatch.setattr(places, "check_places", step("places"))
-    monkeypatch.setattr(network_install, "install", step("network installed"))
-    monkeypatch.setattr(preflight, "check", step("network looked at"))
-    monkeypatch.setattr(observability_install, "ensure", step("stack"))
-    monkeypatch.setattr(secrets, "write_pull_secret", step("pull secret"))
-    monkeypatch.setattr(deploys, "deploy", step("deploy", revision))
-    monkeypatch.setattr(graph, "check", step("graph"))
-    monkeypatch.setattr(results, "copy_results", step("results", "results/data"))
-    return taken, fails
+def test_a_deploy_goes_its_way(run: Any, fake: FakeCluster, report: Recorder) -> None:
+    """The application is written and ready before the stack is begun; its graph comes after."""
+    run(WHOLE, distro="noetic")
+    applied = [ref.name for verb, ref in fake.writes if isinstance(ref, ObjectRef)]
+    assert applied.index("talker") < applied.index("loki")
+    lines = report.lines
+    done = [line.split()[0] for line in lines if "is at revision" in line]
+    assert done == ["rigel-k8s-application", "rigel-observability"]
 
 
-def test_a_deploy_goes_its_way(run: Any, steps: Any, report: Recorder) -> None:
-    """What the cluster lacks is known before anything is written, and the graph when it runs."""
-    run(WHOLE)
-    assert steps[0] == STEPS
-    assert report.lines[-1] == "results copied to results/data"
+def test_robots_do_not_wait_for_dashboards(run: Any, fake: FakeCluster, report: Recorder) -> None:
+    """A stack that does not become ready is a warning; the job is done."""
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        return unready(pod) if pod["metadata"]["namespace"] == "monitoring" else running(pod)
+
+    fake.store.controllers = Controllers(kubelet)
+    run(WHOLE, distro="noetic", timeout=1)
+    assert any("loki" in text and "everything else" in text for text in report.warnings)
+    assert "talker" in fake.names("Deployment")
 
 
-@pytest.mark.parametrize("failing", [s for s in STEPS if s not in ("stack", "results")])
-def test_nothing_comes_after_a_step_that_failed(run: Any, steps: Any, failing: str) -> None:
-    taken, fails = steps
-    fails[failing] = UserError("no")
-    with pytest.raises(UserError):
-        run(WHOLE)
-    assert taken == STEPS[: STEPS.index(failing) + 1]
+def test_a_refused_job_writes_nothing_whatever_it_installs(run: Any, fake: FakeCluster) -> None:
+    """Neither the stack nor the network is written for an application that is refused."""
+    fake.store.refuse = refuse_talker
+    with pytest.raises(UserError, match="nothing was changed"):
+        run(WHOLE, distro="noetic")
+    assert fake.writes == []
 
 
-def test_a_stack_that_is_not_ready_is_the_last_word(run: Any, steps: Any, report: Recorder) -> None:
-    """The robots run all the same, and the job has failed."""
-    taken, fails = steps
-    fails["stack"] = RolloutFailed("loki is not ready")
-    with pytest.raises(RolloutFailed, match="loki"):
-        run(WHOLE)
-    assert taken == STEPS
-    assert report.warnings == ["loki is not ready; the application is deployed anyway"]
+def test_all_parts_are_refused_at_once(run: Any, fake: FakeCluster) -> None:
+    """What is wrong with the application, and with the stack."""
+    fake.store.refuse = refuse_talker
+    needs_operator = {
+        "enabled": True,
+        "existing": {"prometheus": True},
+        "grafana": {"enabled": False},
+    }
+    with pytest.raises(UserError, match="2 things keep this job from being deployed") as caught:
+        run({**WHOLE, "observability": needs_operator}, distro="noetic")
+    told = "\n".join(caught.value.details)
+    assert "Deployment n/talker" in told
+    assert "prometheus-operator is not installed" in told
+    assert fake.writes == []
 
 
-def test_ros_1_has_no_graph_to_look_at(run: Any, steps: Any) -> None:
+def refuse_talker(live: dict[str, Any], dry_run: bool) -> Refusal | None:  # noqa: FBT001
+    """Refuse one Deployment, as an admission policy does."""
+    del dry_run
+    if (live["kind"], live["metadata"].get("name")) != ("Deployment", "talker"):
+        return None
+    return make_refusal("apply talker", 422, "Invalid", "talkers are not allowed")
+
+
+@pytest.mark.parametrize(("distro", "looks"), [("noetic", 0), ("jazzy", 1)])
+def test_ros_1_has_no_graph_to_look_at(
+    run: Any, monkeypatch: pytest.MonkeyPatch, distro: str, looks: int
+) -> None:
     """A master knows its nodes."""
-    run({"image": IMAGE, "nodes": NODES}, distro="noetic")
-    assert steps[0] == ["places", "pull secret", "deploy"]
+    asked: list[str] = []
+    monkeypatch.setattr(graph, "check", lambda *_: asked.append("graph"))
+    run({"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}, distro=distro)
+    assert len(asked) == looks
 
 
 def test_results_that_are_not_there_do_not_fail_a_deploy(
-    run: Any, steps: Any, report: Recorder
+    run: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Unless they are waited for."""
-    steps[1]["results"] = ClusterError("no results")
-    run(WHOLE)
+
+    def copy(*_: Any) -> None:
+        raise ClusterError("no results")
+
+    monkeypatch.setattr("rigel_k8s.app.deploying.part.copy_results", copy)
+    results = {"source_path": "/data", "target": "results"}
+    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
+    run({**raw, "results": results}, distro="noetic")
     assert "`results: {wait: 1m}`" in report.warnings[-1]
     with pytest.raises(ClusterError, match="no results"):
-        run({**WHOLE, "results": {**WHOLE["results"], "wait": "1s"}})  # type: ignore[dict-item]
-
-
-# With the fake.
-
-
-def test_labels_that_no_machine_has_are_told_before_anything_is_written(
-    run: Any, fake: FakeCluster
-) -> None:
-    fake.create({"apiVersion": "v1", "kind": "Node", "metadata": {"name": "node1", "labels": {}}})
-    fake.calls.clear()
-    placed = {"talker": {"args": ["talk"], "placement": {"node": "node2"}}}
-    with pytest.raises(UserError, match="no machine of the cluster has the labels"):
-        run({"image": IMAGE, "nodes": placed}, distro="noetic")
-    assert fake.writes == []
+        run({**raw, "results": {**results, "wait": "1s"}}, distro="noetic")
 
 
 def test_the_timeout_reaches_the_roll_out(
@@ -229,17 +212,3 @@ def test_adopt_reaches_the_deploy(run: Any, fake: FakeCluster) -> None:
     with pytest.raises(RigelK8sError, match="managed by others"):
         run(raw, distro="noetic")
     run(raw, distro="noetic", adopt=True)
-
-
-def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
-    """Warnings are told; all errors are in one."""
-    beware = INTERFACE_NO_CARRIER.problem("eth0 has no link", "mind it")
-    preflight.report_findings([beware], report)
-    assert report.warnings == ["eth0 has no link; mind it [interface-no-carrier]"]
-    lacks = MULTUS_MISSING.problem("there is no Multus", "install it")
-    with pytest.raises(ClusterError, match=r"there is no Multus \[multus-missing\]"):
-        preflight.report_findings([beware, lacks], report)
-    wrong = INTERFACE_MISSING.problem("no eth7", "name another")
-    with pytest.raises(UserError, match="2 things keep the network") as caught:
-        preflight.report_findings([lacks, wrong], report)
-    assert "no eth7 [interface-missing]" in caught.value.details

@@ -11,7 +11,12 @@ from rigel_k8s.cli.network import options_of
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.jobs.types.network import NetworkJob
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.network.multus.install import ensure, install, install_requested_by, installation_of
+from rigel_k8s.network.multus.install import (
+    install,
+    install_requested_by,
+    installation_of,
+    requested_multus,
+)
 from rigel_k8s.network.multus.installation import find
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
@@ -82,7 +87,8 @@ class Refusing(Cluster):
 def test_without_rights_a_job_uses_the_cluster_as_it_is() -> None:
     """As with the observability stack: an administrator and a deployer share a Rigelfile."""
     told, deployer = Recorder(), cast(Any, Refusing("right"))
-    ensure(deployer, Install(), DeployOptions(report=told))
+    network = Network(install=Install())
+    assert requested_multus(network, deployer, told) == []
     assert told.warnings == [
         "no right to list nodes: Multus stays as it is;"
         " let an administrator run `rigel network install` once"
@@ -90,7 +96,7 @@ def test_without_rights_a_job_uses_the_cluster_as_it_is() -> None:
     with pytest.raises(Forbidden):
         install(deployer, Install(), DeployOptions(report=told))
     with pytest.raises(Forbidden):
-        ensure(cast(Any, Refusing("quota")), Install(), DeployOptions(report=told))
+        requested_multus(network, cast(Any, Refusing("quota")), told)
 
 
 def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:
@@ -175,7 +181,9 @@ def test_a_cluster_without_linux() -> None:
         (network_of("macvlan"), None),
         (Network(), None),
         (Network(install=True), Install()),
-        (Network(install=Install(data_dir="/data")), Install(data_dir="/data")),
+        (Network(mode="ipvlan", install=Install(data_dir="/data")), Install(data_dir="/data")),
+        (Network(ipam="dhcp", install=True), Install(dhcp=True)),
+        (Network(ipam="dhcp", install=Install(dhcp=False)), Install(dhcp=False)),
         (Network(mode="peers", install=True), None),
         (Network(mode="host", install=True), None),
     ],

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
+from rigel_k8s.network.multus.install import MultusPart, find_release
 from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.network.multus.platform import platform
 from rigel_k8s.network.multus.recognition import Group
 from rigel_k8s.network.multus.rollout import Rollout
+from rigel_k8s.network.options import Install
 from rigel_k8s.release import revisions
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
 from rigel_k8s.release.types import DeployOptions
@@ -23,7 +25,16 @@ def roll_out(fake: FakeCluster) -> None:
     """Install on a cluster whose machines are all still to come."""
     found = Found((), (GROUP,), None, None, frozenset())
     asked = Installation([GROUP], whereabouts=False)
-    Rollout(fake, asked, found, DeployOptions(report=Recorder(), timeout=5)).run()
+    part = MultusPart(
+        desired=find_release(None, asked, found),
+        options=Install(),
+        installation=asked,
+        found=found,
+        unproven=frozenset(),
+    )
+    options = DeployOptions(report=Recorder(), timeout=5)
+    part.install(fake, part.look(fake, adopt=False), options)
+    Rollout(fake, asked, found, options).wait()
 
 
 def test_a_killed_installation_is_completed_by_the_next() -> None:

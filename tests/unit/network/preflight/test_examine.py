@@ -8,10 +8,9 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.network.options import Network, network_of
-from rigel_k8s.network.preflight.examine import examine, failure, report_findings
-from rigel_k8s.network.preflight.interfaces import INTERFACE_NO_CARRIER, MTU
+from rigel_k8s.network.preflight.examine import examine, failure
+from rigel_k8s.network.preflight.interfaces import MTU
 from rigel_k8s.network.preflight.presence import MULTUS_MISSING
-from tests.support.recorder import Recorder
 
 LACKS = MULTUS_MISSING.problem("Multus is not installed", "install it")
 WRONG = MTU.problem("an MTU of 9000 does not fit", "a smaller one")
@@ -43,13 +42,6 @@ def test_nothing_is_asked_where_no_pod_wants_it() -> None:
 def test_nothing_found_is_no_failure() -> None:
     """Without errors there is nothing to raise."""
     assert failure([]) is None
-
-
-def test_a_warning_names_its_kind() -> None:
-    """`rigel explain` explains it by the word in brackets."""
-    report = Recorder()
-    report_findings([INTERFACE_NO_CARRIER.problem("eth0 has no link", "plug it in")], report)
-    assert report.warnings == ["eth0 has no link; plug it in [interface-no-carrier]"]
 
 
 def test_one_finding_is_the_error() -> None:

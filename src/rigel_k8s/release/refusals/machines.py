@@ -1,0 +1,115 @@
+"""Whether the cluster has a machine for each workload that a deploy changes; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal
+
+from rigel_k8s.objects.quantities import format_quantity, parse_quantity
+from rigel_k8s.objects.refs import Manifest, ref_of
+from rigel_k8s.objects.scheduling import find_taints, has_labels, is_chosen, may_run
+from rigel_k8s.release.refusals.quotas import amounts_of_pod
+from rigel_k8s.release.types import Obstacle
+
+HOSTNAME = "kubernetes.io/hostname"
+SHOWN = 5  # machines in a message
+
+
+def find_homeless(workloads: Iterable[Manifest], nodes: Sequence[Manifest]) -> Iterator[Obstacle]:
+    """Yield why no machine can ever run a workload's pods; nothing if no machine is known."""
+    for workload in workloads if nodes else ():
+        if workload["kind"] == "DaemonSet" or workload["spec"].get("replicas") == 0:
+            continue
+        pod = workload["spec"]["template"]["spec"]
+        fitting = [node for node in nodes if may_run(pod, node)]
+        chosen = [node for node in nodes if is_chosen(pod, node)]
+        if fitting:
+            text, ground = explain_size(workload, fitting), "no-room"
+        elif chosen:
+            text, ground = explain_taints(pod, chosen), "taint"
+        else:
+            text, ground = explain_choice(pod, nodes), "no-machine"
+        if text:
+            yield Obstacle(ref_of(workload), text, ground)
+
+
+def explain_choice(pod: Manifest, nodes: Sequence[Manifest]) -> str:
+    """Return why no machine is one that a pod may run on, and the way out."""
+    if any(has_labels(pod, node) for node in nodes) or not pod.get("nodeSelector"):
+        return "no machine of the cluster meets its node affinity, or runs Linux"
+    labels: Mapping[str, str] = pod["nodeSelector"]
+    listed = ", ".join(f"{key}={value}" for key, value in labels.items())
+    names = [(node["metadata"].get("labels") or {}).get(HOSTNAME) for node in nodes]
+    host = labels.get(HOSTNAME)
+    if host is not None and host not in names:
+        way_out = f"its machines are {list_some(sorted(filter(None, names)))}"
+    else:
+        own = " ".join(f"{key}={value}" for key, value in labels.items() if key != HOSTNAME)
+        way_out = f"kubectl label node {host or 'NODE'} {own}"
+    return f"no machine of the cluster has the labels {listed}; {way_out}"
+
+
+def explain_taints(pod: Manifest, chosen: Sequence[Manifest]) -> str:
+    """Return which taints keep a pod away from all machines that it may otherwise run on."""
+    taints = {node["metadata"]["name"]: find_taints(pod, node) for node in chosen}
+    listed = [f"{name} ({', '.join(map(write_taint, found))})" for name, found in taints.items()]
+    name, found = next(iter(taints.items()))
+    if len(taints) == 1:
+        text = f"the only machine that it may run on has a taint: {listed[0]}"
+    else:
+        text = f"all machines that it may run on have taints: {list_some(listed)}"
+    return f"{text}; `kubectl taint node {name} {found[0]['key']}-` removes one"
+
+
+def write_taint(taint: Manifest) -> str:
+    """Return a taint as kubectl writes it."""
+    value = f"={taint['value']}" if taint.get("value") else ""
+    return f"{taint['key']}{value}:{taint.get('effect')}"
+
+
+def explain_size(workload: Manifest, fitting: Sequence[Manifest]) -> str:
+    """Return why one pod of a workload is too large for each machine; "" if it is not."""
+    amounts = amounts_of_pod(workload["spec"]["template"])
+    asked = {
+        name.removeprefix("requests."): value
+        for name, value in amounts.items()
+        if name.startswith("requests.") and value
+    }
+    rooms = [(node["metadata"]["name"], read_room(node)) for node in fitting]
+    if any(not room or holds(room, asked) for _, room in rooms):
+        return ""
+    for resource, value in asked.items():
+        name, most = max(((n, room.get(resource, Decimal(0))) for n, room in rooms), key=by_size)
+        if most >= value:
+            continue
+        requested = f"it requests {format_quantity(value)} of {resource}"
+        if not most:
+            return f"{requested}, which no machine that it may run on has"
+        return (
+            f"{requested}, and the largest machine that it may run on, {name}, has"
+            f" {format_quantity(most)}"
+        )
+    listed = ", ".join(f"{format_quantity(value)} of {name}" for name, value in asked.items())
+    return f"no machine that it may run on has all that it requests: {listed}"
+
+
+def by_size(entry: tuple[str, Decimal]) -> Decimal:
+    """Return the amount of a machine's entry."""
+    return entry[1]
+
+
+def holds(room: Mapping[str, Decimal], asked: Mapping[str, Decimal]) -> bool:
+    """Whether a machine has all that is requested."""
+    return all(room.get(resource, Decimal(0)) >= value for resource, value in asked.items())
+
+
+def read_room(node: Manifest) -> dict[str, Decimal]:
+    """Return what a machine has for pods; empty if it is unknown."""
+    found = (node.get("status") or {}).get("allocatable") or {}
+    return {name: parse_quantity(value) for name, value in found.items()}
+
+
+def list_some(names: Sequence[str]) -> str:
+    """Return names with commas; of many, the first ones and how many more there are."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more

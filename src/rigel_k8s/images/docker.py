@@ -33,11 +33,6 @@ class Docker:
     name: str = "docker"
 
     @property
-    def notes(self) -> Sequence[str]:
-        """What the user should know about how it is used here."""
-        return ()
-
-    @property
     def more_platforms(self) -> str:
         """How to make it build for other platforms."""
         return "`docker buildx create --use` creates a builder for them, and qemu emulates"

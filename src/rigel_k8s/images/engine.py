@@ -73,10 +73,6 @@ class Engine(Protocol):
         """`docker` or `podman`."""
 
     @property
-    def notes(self) -> Sequence[str]:
-        """What the user should know about how it is used here."""
-
-    @property
     def more_platforms(self) -> str:
         """How to make it build for other platforms."""
 

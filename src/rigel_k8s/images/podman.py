@@ -44,14 +44,6 @@ class Podman:
     name: str = "podman"
 
     @property
-    def notes(self) -> Sequence[str]:
-        """What the user should know about how it is used here."""
-        if self.isolation is None:
-            return ()
-        missing = "its default isolation needs CAP_SYS_RESOURCE, which root does not have here"
-        return (f"podman builds with {ISOLATION}={self.isolation}: {missing}",)
-
-    @property
     def more_platforms(self) -> str:
         """How to make it build for other platforms."""
         return "install qemu-user-static for them"

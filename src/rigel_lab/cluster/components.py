@@ -264,6 +264,11 @@ def provide(builds: Sequence[GoBuild], upstream: Upstream, report: Report) -> No
 
 def compile_all(builds: Iterable[tuple[GoBuild, str]], report: Report) -> None:
     """Compile programs, one after the other: each build uses all cores; report why, if known."""
+    builds = list(builds)
+    if len(builds) > 1:
+        titles = ", ".join(build.title for build, _ in builds)
+        minutes = sum(build.minutes for build, _ in builds)
+        report(f"To be compiled: {titles} (about {minutes} minutes on two cores in all, once)")
     for build, why in builds:
         build.build(report, why)
 

@@ -30,14 +30,6 @@ def test_only_a_root_without_the_capability_needs_another_isolation(
     assert misses_sys_resource(status) is lacks
 
 
-def test_another_isolation_is_told() -> None:
-    """Who builds with chroot isolation is told so, and why."""
-    assert Podman("podman").notes == ()
-    (note,) = Podman("podman", isolation="chroot").notes
-    assert "BUILDAH_ISOLATION=chroot" in note
-    assert "CAP_SYS_RESOURCE" in note
-
-
 def test_platforms_are_those_with_an_emulator(tmp_path: Path) -> None:
     """This machine's platform comes first; others need an emulator that the kernel knows."""
     assert Podman("podman", binfmt=tmp_path).platforms() == (host_platform(),)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.images.podman import Podman
 from rigel_k8s.images.tools import find_engine
 
 LACKING = "Uid:\t0\t0\t0\t0\nCapEff:\t000001fffeffffff\n"
@@ -93,6 +94,7 @@ def test_the_real_docker_is_asked_without_harm(tmp_path: Path) -> None:
 def test_isolation_is_set_unless_the_user_did(tmp_path: Path, status: Path) -> None:
     """A root without CAP_SYS_RESOURCE builds with chroot; BUILDAH_ISOLATION of the user's wins."""
     environ = path_with(tmp_path, podman="exit 0")
-    assert find_engine("podman", environ, status).notes
+    podman = str(shutil.which("podman", path=environ["PATH"]))
+    assert find_engine("podman", environ, status) == Podman(podman, isolation="chroot")
     environ["BUILDAH_ISOLATION"] = "rootless"
-    assert not find_engine("podman", environ, status).notes
+    assert find_engine("podman", environ, status) == Podman(podman)

@@ -79,8 +79,6 @@ class BuildXJob:
     def run(self, options: BuildXOptions, job: JobContext) -> None:
         """Build, push, load; the digests of pushed images go to the shared data."""
         engine = find_engine(options.tool, os.environ)
-        for note in engine.notes:
-            job.report.line(note)
         build = _build(options, job.application, engine, job.report)
         with tempfile.TemporaryDirectory(prefix="rigel-build-") as directory:
             session = _session(options, build, job, Path(directory))
@@ -129,14 +127,15 @@ def _build(
 def _platforms(
     wanted: Sequence[str] | None, engine: Engine, report: JobReporter
 ) -> tuple[str, ...]:
-    """Return what to build for, empty for this machine only; report what cannot be built for."""
+    """Return what to build for, empty for this machine only.
+
+    Of the default, only what can be emulated: a deploy refuses a machine without its platform.
+    """
     able = engine.platforms()
     chosen = DEFAULT_PLATFORMS if wanted is None else tuple(wanted)
     unable = [platform for platform in chosen if platform not in able]
     if unable and wanted is None:
         chosen = tuple(p for p in chosen if p in able) or tuple(able[:1])
-        what = f"builds for {', '.join(chosen)} only, not for {', '.join(unable)}"
-        report.line(f"{engine.name} {what}: {engine.more_platforms}")
     elif unable:
         what = f"{engine.name} cannot emulate {', '.join(unable)} here, so RUN steps will fail"
         report.warn(f"{what}: {engine.more_platforms}")

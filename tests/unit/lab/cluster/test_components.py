@@ -168,3 +168,16 @@ def test_only_what_is_asked_for_is_built(
     found = components.obtain(print, requested, Upstream("none"))
     assert sorted(built) == sorted(["kubernetes", "coredns", "local-path-provisioner", *more])
     assert ("loki" in found.go) == (requested == ["observability"])
+
+
+def test_the_total_of_what_is_compiled_is_reported_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who waits for several programs knows at the start how long all of them take."""
+    monkeypatch.setattr(GoBuild, "build", lambda self, report, why: report(self.name))
+    lines: list[str] = []
+    components.compile_all([(KUBERNETES, "no network"), (COREDNS, "")], lines.append)
+    minutes = KUBERNETES.minutes + COREDNS.minutes
+    assert f"{KUBERNETES.title}, {COREDNS.title} (about {minutes} minutes" in lines[0]
+    assert lines[1:] == ["kubernetes", "coredns"]
+    lines.clear()
+    components.compile_all([(COREDNS, "")], lines.append)
+    assert lines == ["coredns"]

@@ -61,11 +61,6 @@ EXPECTED = (
         "Ubuntu 22.04 and 24.04 have an older one",
     ),
     Skip(
-        "tests/cluster/network/test_preflight.py",
-        "this kernel has ipvlan, or does not tell",
-        "only a kernel without it lacks it",
-    ),
-    Skip(
         "tests/unit/network/multus/test_machine.py",
         "this machine has CNI programs of its own",
         "they are where the test must find none",

@@ -28,6 +28,9 @@ SUPER_CLIENT = (("PARTICIPANT_TYPE", "SUPER_CLIENT"), ("DS_VERSION", "2.0"))
 BEST_EFFORT, RELIABLE = 1, 2
 VOLATILE, TRANSIENT_LOCAL = 0, 1
 
+#: Bytes of a name, and of all partitions: DDS' names have 255 characters, and a length in front.
+LONGEST = 512
+
 Payload = Union[bytes, memoryview]
 
 
@@ -57,6 +60,8 @@ def endpoint(payload: Payload) -> Endpoint:
     guid = found.raw(PID_ENDPOINT)
     if len(guid) != 16:
         raise rtps.Malformed("an endpoint without a GUID")
+    if any(len(found.raw(pid)) > LONGEST for pid in (PID_TOPIC, PID_TYPE, PID_PARTITION)):
+        raise rtps.Malformed("an endpoint with a name that DDS does not allow")
     repeated = (PID_OWNERSHIP, PID_PARTITION)
     return Endpoint(
         guid=guid,

@@ -186,11 +186,21 @@ class Participant:
             return
         peer = self.peers.get(announcement.prefix)
         if peer is None:
-            if len(self.peers) < _MOST_PEERS:
+            if self._has_room():
                 self._meet(announcement, source, now, is_direct=by == announcement.prefix)
             return
         peer.take(announcement)
         peer.sources.update([source] if source else [])
+
+    def _has_room(self) -> bool:
+        """Return whether one more participant can be kept: the oldest without endpoints goes."""
+        if len(self.peers) < _MOST_PEERS:
+            return True
+        peers = self.peers.values()
+        idle = next((one for one in peers if not one.has_endpoints and not one.is_server), None)
+        if idle is not None:
+            self._forget(idle.announced.prefix)
+        return idle is not None
 
     def _meet(
         self, announcement: Announcement, source: str, now: float, *, is_direct: bool
@@ -210,7 +220,7 @@ class Participant:
         announcement = Announcement(
             prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER
         )
-        if len(self.peers) < _MOST_PEERS:
+        if self._has_room():
             self._meet(announcement, "", now, is_direct=True)
 
     def _forget(self, prefix: bytes) -> None:
@@ -252,6 +262,7 @@ class Participant:
         elif len(self.readers) < _MOST_ENDPOINTS:
             found = discovery.endpoint(change.payload)
             self.readers[found.guid] = found
+            self._note_endpoint(found)
 
     def _take_writer(self, change: Change) -> None:
         if change.status:
@@ -261,7 +272,13 @@ class Participant:
         elif len(self.writers) < _MOST_ENDPOINTS:
             found = discovery.endpoint(change.payload)
             self.writers[found.guid] = found
+            self._note_endpoint(found)
             self._match(found)
+
+    def _note_endpoint(self, found: Endpoint) -> None:
+        peer = self.peers.get(found.guid[:12])
+        if peer:
+            peer.has_endpoints = True
 
     # What we subscribe to
 

@@ -53,11 +53,12 @@ class Peer:
         is_direct: it announced itself; else a discovery server did, and also removes it, since
             clients of servers do not send discovery to each other.
         is_behind: it has not acknowledged everything that we sent.
+        has_endpoints: it has announced a writer or reader: it is more than an announcement.
     """
 
     def __init__(self, announcement: Announcement, now: float, *, is_direct: bool = True) -> None:
         self.announced, self.heard, self.is_direct = announcement, now, is_direct
-        self.is_behind = False
+        self.is_behind = self.has_endpoints = False
         self.sources: set[str] = set()
         self.nodes: dict[str, frozenset[bytes]] = {}
         self.incoming: dict[bytes, Incoming] = {}

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
+from zlib import crc32
 
+#: Characters of a label's value; the longest name of a topic in DDS has 255.
+MOST_OF_A_LABEL = 255
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -87,8 +90,16 @@ def text(samples: Iterable[Sample]) -> str:
 
 
 def _line(sample: Sample) -> str:
-    labels = ",".join(f'{key}="{_escape(value)}"' for key, value in sample.labels.items())
+    labels = ",".join(f'{key}="{_escape(shorten(value))}"' for key, value in sample.labels.items())
     return f"{sample.name}{{{labels}}} {_number(sample.value)}"
+
+
+def shorten(value: str) -> str:
+    """Return a label's value, one above MOST_OF_A_LABEL cut off and marked by its checksum."""
+    if len(value) <= MOST_OF_A_LABEL:
+        return value
+    mark = f"...{crc32(value.encode('utf-8', 'replace')):08x}"
+    return value[: MOST_OF_A_LABEL - len(mark)] + mark
 
 
 def _escape(value: str) -> str:

@@ -168,7 +168,10 @@ class Ros1:
     def _count(self, replies: Mapping[str, Replies]) -> None:
         for name, answer in replies.items():
             if answer.stats is not None and name in self._places:
-                self._ledger.add(name, self._places[name].uri, answer.stats)
+                with suppress(
+                    ValueError, TypeError, LookupError
+                ):  # no statistics: of this node alone
+                    self._ledger.add(name, self._places[name].uri, answer.stats)
         self._ledger.keep(self._places)
 
     # -- named topics --

@@ -18,9 +18,14 @@ _BROKEN = (
     asyncio.TimeoutError,
     asyncio.LimitOverrunError,
     ValueError,
+    OverflowError,  # a port that no socket has
     KeyError,
 )
 _HEAD = "POST /RPC2 HTTP/1.1\r\nHost: {}:{}\r\nContent-Type: text/xml\r\nContent-Length: {}\r\n\r\n"
+
+
+#: Bytes of a node's answer above which it counts as none; rosrpc.LARGEST is a master's.
+LARGEST_OF_NODE = 1 << 20
 
 
 class Refused(CallFailed):
@@ -30,16 +35,19 @@ class Refused(CallFailed):
 class Conversation:
     """Calls to one ROS XML-RPC server, one after the other."""
 
-    def __init__(self, uri: str, caller: str, seconds: float) -> None:
+    def __init__(
+        self, uri: str, caller: str, seconds: float, largest: int = LARGEST_OF_NODE
+    ) -> None:
         """Start the deadline.
 
         Args:
             uri: of the server, http://HOST:PORT/.
             caller: the caller's ROS name.
             seconds: how long all calls together may take.
+            largest: bytes that an answer may have.
         """
         self._address: tuple[str, int] = rosrpc.split(uri)
-        self._caller = caller
+        self._caller, self._largest = caller, largest
         self._loop = asyncio.get_running_loop()
         self._end = self._loop.time() + seconds
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
@@ -88,7 +96,10 @@ class Conversation:
         head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1")
         status, _, rest = head.partition("\r\n")
         fields = dict(line.lower().split(":", 1) for line in rest.split("\r\n") if ":" in line)
-        text = await reader.readexactly(int(fields["content-length"]))
+        length = int(fields["content-length"])
+        if length > self._largest:
+            raise ValueError("its answer is too large")
+        text = await reader.readexactly(length)
         if status.startswith("HTTP/1.0") or "close" in fields.get("connection", ""):
             self.close()
         if " 200" not in status:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rigel_exporter.ros1_calls import Conversation, Refused
+from rigel_inpod import rosrpc
 from rigel_inpod.rosrpc import CallFailed
 
 #: Seconds that the master has for one round of answers, and a node for all its answers.
@@ -64,7 +65,7 @@ async def ask_master(uri: str, caller: str) -> View:
 
 
 async def _ask_master(uri: str, caller: str) -> View:
-    talk = Conversation(uri, caller, MASTER)
+    talk = Conversation(uri, caller, MASTER, rosrpc.LARGEST)
     try:
         pid = int(await talk.call("getPid"))
         state = await talk.call("getSystemState")
@@ -92,7 +93,7 @@ async def _parameter(talk: Conversation, name: str) -> str:
 
 async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
     """Return the URIs of the nodes that are registered, as far as the master answers in time."""
-    talk, found = Conversation(uri, caller, MASTER), {}
+    talk, found = Conversation(uri, caller, MASTER, rosrpc.LARGEST), {}
     try:
         for name in names:
             try:
@@ -130,5 +131,9 @@ async def _ask_node(uri: str, caller: str) -> Replies:
     return replies
 
 
-def _topics(value: Sequence[Sequence[str]]) -> set[str]:
-    return {entry[0] for entry in value if entry}
+def _topics(value: Any) -> set[str]:
+    """Return the topics of a node's answer, [[topic, type], ...]; raises CallFailed for another."""
+    try:
+        return {str(name) for name, _ in value}
+    except (TypeError, ValueError) as error:
+        raise CallFailed("it does not speak ROS") from error

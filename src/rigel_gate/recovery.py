@@ -10,6 +10,9 @@ from rigel_gate.state import State
 
 _PARTS = (PUBLISHER, SUBSCRIBER, SERVICE)
 
+#: A user's own value of it is given back; roscore.py sets its default first.
+SET_BY_ROSCORE = "/rosout_disable_topics_generation"
+
 Known = Set[Tuple[str, str, str]]
 
 
@@ -36,7 +39,7 @@ def find_lost_nodes(state: State, known: Known) -> list[str]:
 
 def find_lost_parameters(state: State, names: Iterable[str]) -> list[tuple[str, Any]]:
     """Return (name, value) of what a master is missing: whole trees if it has nothing of one."""
-    there = set(names)
+    there = set(names) - {SET_BY_ROSCORE}
     lost: list[tuple[str, Any]] = []
     for first, value in state.parameters.own().items():
         missing = [name for name in leaves(value, "/" + first) if name not in there]

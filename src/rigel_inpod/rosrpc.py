@@ -12,6 +12,8 @@ except ImportError:  # not CPython
 import time
 
 CALLER = "/rigel_probe"
+LARGEST = 16 << 20  # bytes of an answer: that of a master with 100,000 topics has less
+DEEPEST = 100  # lists inside of each other in an answer; ROS' own have 5
 
 
 class CallFailed(Exception):
@@ -93,12 +95,16 @@ class Api(object):
         data = b""
         while b"\r\n\r\n" not in data:
             data += self._some()
+            if len(data) > LARGEST:
+                raise CallFailed("its answer is too large")
         head, _, body = data.partition(b"\r\n\r\n")
         status, _, fields = head.decode("latin-1").partition("\r\n")
         if " 200" not in status:
             raise CallFailed("it answered " + status)
         fields = dict(line.lower().split(":", 1) for line in fields.split("\r\n") if ":" in line)
         length = int(fields["content-length"])
+        if length > LARGEST:
+            raise CallFailed("its answer is too large")
         while len(body) < length:
             body += self._some()
         if status.startswith("HTTP/1.0") or "close" in fields.get("connection", ""):
@@ -158,6 +164,8 @@ def parse(text):
         elif tag == "array":
             lists.append([])
             plain = None
+            if len(lists) > DEEPEST:
+                raise CallFailed("its answer is too deep")
         elif tag == "/array":
             done = lists.pop()
             lists[-1].append(done)

@@ -16,7 +16,8 @@ else:  # mounted in a pod, where the scripts lie side by side
 PID_LEASE, PID_DOMAIN, PID_VERSION, PID_VENDOR = 0x0002, 0x000F, 0x0015, 0x0016
 PID_USER_DATA, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x002C, 0x0031, 0x0032
 PID_GUID, PID_ENDPOINTS, PID_PROPERTIES, PID_NAME = 0x0050, 0x0058, 0x0059, 0x0062
-MOST_PLACES = 8
+MOST_PLACES, MOST_PROPERTIES = 8, 64
+LONGEST = 1024  # bytes of a text that are read
 
 #: An IPv4 address and a UDP port.
 Place = Tuple[str, int]
@@ -78,12 +79,13 @@ class Parameters(object):
             return "", len(raw)
         (size,) = unpack_from(self.order + "I", raw, at)
         end = at + 4 + size
-        return raw[at + 4 : end].rstrip(b"\0").decode("utf-8", "replace"), end + -end % 4
+        value = raw[at + 4 : min(end, at + 4 + LONGEST)].rstrip(b"\0")
+        return value.decode("utf-8", "replace"), end + -end % 4
 
     def properties(self):
         """Return pairs of name and value."""
         raw, found, at = self.raw(PID_PROPERTIES), [], 4
-        while at < len(raw):
+        while at < len(raw) and len(found) < MOST_PROPERTIES:
             name, at = self._text(raw, at)
             value, at = self._text(raw, at)
             found.append((name, value))

@@ -5,9 +5,12 @@ Every package that checks or uses options needs these; the templates themselves 
 
 from __future__ import annotations
 
+import shlex
 from typing import Any, TypeAlias
 
 Scalar: TypeAlias = str | int | float | bool
+#: Characters of a command line: Linux accepts no longer word, and splitting takes quadratic time.
+LONGEST_COMMAND = 2**17
 
 
 def text_of(value: Any) -> str:
@@ -18,3 +21,14 @@ def text_of(value: Any) -> str:
 def has_template(text: str) -> bool:
     """Return whether a text contains a template, so that its value is known only in a run."""
     return "{{" in text
+
+
+def split_text(command: str) -> list[str]:
+    """Return the words of a command line, as a shell splits it.
+
+    Raises:
+        ValueError: it is too long, or a quotation mark is not closed.
+    """
+    if len(command) > LONGEST_COMMAND:
+        raise ValueError(f"it has more than {LONGEST_COMMAND} characters")
+    return shlex.split(command)

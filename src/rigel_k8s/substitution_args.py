@@ -6,9 +6,10 @@ inpod/substitution.py replaces them. This module only recognizes them.
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+from rigel_k8s.option_text import split_text
 
 EXPRESSION = re.compile(r"\$\(([^()]*)\)")
 _FIND = ("find", "find-pkg-share")
@@ -62,5 +63,5 @@ def split_line(line: str) -> list[str]:
         found.append(match[0])
         return f"\0{len(found) - 1}\0"
 
-    words = shlex.split(EXPRESSION.sub(mark, line))
+    words = split_text(EXPRESSION.sub(mark, line))
     return [_MARK.sub(lambda match: found[int(match[1])], word) for word in words]

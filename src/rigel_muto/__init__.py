@@ -14,3 +14,6 @@ parameters, types       parameters of a node or a stack; what a text means as a 
 formats, stack          the forms of stacks, recognized by their keys; the model
 reading, remarks        text with places; what to report about a value
 """
+
+#: The command's module, and its line in the help of `rigel`; an entry point of this package.
+COMMAND = ("rigel_muto.cli", "Use stacks of Eclipse Muto, and take its commands.")

@@ -24,12 +24,20 @@ def muto() -> None:
     "--arg", "arguments", metavar="NAME=VALUE", multiple=True, help="Set an argument of the stack."
 )
 @click.option(
+    "--reference",
+    "references",
+    metavar="ID=FILE",
+    multiple=True,
+    help="Take the stack with this id from this file, where several files have one.",
+)
+@click.option(
     "--image", metavar="IMAGE", help="Write this image, which contains the programs of the stack."
 )
 @click.option(
     "--distro",
     metavar="NAME",
-    help="Write this ROS distribution [default: noetic, or jazzy for ROS 2].",
+    help="Write this ROS distribution [default: the current one of ROS 2, or noetic for a stack"
+    " that needs ROS 1].",
 )
 @click.option(
     "--to",
@@ -50,6 +58,7 @@ def muto() -> None:
 def convert(
     stack: str,
     arguments: tuple[str, ...],
+    references: tuple[str, ...],
     image: str | None,
     distro: str | None,
     directory: Path | None,
@@ -64,18 +73,18 @@ def convert(
     An archive with sources needs --to: the Rigelfile there builds an image of them and deploys it.
     """
     from rigel_muto import commands as actions
-    from rigel_muto.converting import Target
     from rigel_muto.options import Muto
 
-    given = dict(map(split_argument, arguments))
+    given = dict(split_pair(text, "--arg", "NAME=VALUE") for text in arguments)
+    chosen = dict(split_pair(text, "--reference", "ID=FILE") for text in references)
     try:
-        source = Muto(stack=stack, args=given, **options)
+        source = Muto(stack=stack, args=given, references=chosen, **options)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
-    target = Target(image, distro)
-    made = (
-        actions.write(source, target, directory) if directory else actions.convert(source, target)
-    )
+    if directory:
+        made = actions.write(source, directory, image, distro)
+    else:
+        made = actions.convert(source, image, distro)
     warn(made.warnings)
     if directory is None:
         click.echo(made.text, nl=False)
@@ -169,9 +178,9 @@ def agent(
         run(Agent(access=access, allowance=allowance, **options), settings(ctx), report)
 
 
-def split_argument(text: str) -> tuple[str, str]:
-    """Return name and value of `NAME=VALUE`."""
+def split_pair(text: str, option: str, form: str) -> tuple[str, str]:
+    """Return both parts of `NAME=VALUE`."""
     name, sign, value = text.partition("=")
     if not name or not sign:
-        raise click.BadParameter(f'"{text}" is not NAME=VALUE', param_hint="--arg")
+        raise click.BadParameter(f'"{text}" is not {form}', param_hint=option)
     return name, value

@@ -19,6 +19,9 @@ from rigel_k8s.rigelfile.source import node_of
 from rigel_k8s.system.trees import File, Tree, write_tree
 from rigel_muto.archives import find_archive, translate_archive, unpack_archive
 from rigel_muto.converting import (
+    ASSUMED,
+    CURRENT,
+    LAST_ROS1,
     SOURCES,
     Target,
     list_options,
@@ -29,7 +32,7 @@ from rigel_muto.converting import (
 from rigel_muto.library import NotFound
 from rigel_muto.opening import Find, open_stack
 from rigel_muto.options import Muto
-from rigel_muto.remarks import Unreadable, list_findings
+from rigel_muto.remarks import Unreadable, list_findings, note
 from rigel_muto.stack import Stack
 from rigel_muto.translation import Translation, require_nodes, translate
 from rigel_muto.twin import Twin
@@ -50,32 +53,38 @@ class Converted:
     sources: Tree = attrs.field(factory=dict)
 
 
-def convert(source: Muto, target: Target) -> Converted:
+def convert(source: Muto, image: str | None = None, distro: str | None = None) -> Converted:
     """Return the Rigelfile that deploys a stack.
 
     Args:
         source: the stack; files and ids are searched for in the working directory.
+        image: the image with its programs; None: a placeholder.
+        distro: the ROS distribution; None: one that fits the stack.
 
     Raises:
         ProblemsError: something is wrong with the stack, with its places; or it needs a build.
         UserError: the stack does not exist, or may not be read.
         RigelK8sError: the Ditto with the stack cannot be reached, or refuses.
     """
-    return _convert(source, target, builds=False)
+    return _convert(source, image, distro, builds=False)
 
 
-def write(source: Muto, target: Target, directory: Path) -> Converted:
+def write(
+    source: Muto, directory: Path, image: str | None = None, distro: str | None = None
+) -> Converted:
     """Write a new directory with the Rigelfile that deploys a stack, and an archive's sources.
 
     Raises: as convert; and UserError if the directory exists. Nothing is written then.
     """
-    made = _convert(source, target, builds=True)
+    made = _convert(source, image, distro, builds=True)
     sources = {f"{SOURCES}/{path}": entry for path, entry in made.sources.items()}
     write_tree({"Rigelfile": File(made.text.encode()), **sources}, directory)
     return made
 
 
-def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
+def _convert(
+    source: Muto, image: str | None = None, distro: str | None = None, *, builds: bool
+) -> Converted:
     """Return a stack's Rigelfile; that of an archive only if it may have sources beside it."""
     nothing = Source(source.stack, "")
     sources: Tree = {}
@@ -85,20 +94,26 @@ def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
         given = {name: text_of(value) for name, value in source.args.items()}
         if archive:
             sources = unpack_archive(archive)
-            directory = Recipe(target.choose_distro(stack), base="", source_name=SOURCES).sources
+            directory = Recipe(distro or CURRENT, base="", source_name=SOURCES).sources
             key = name_release(source.stack, stack)
             made = translate_archive(archive, key, sources, directory, given)
         else:
-            made = require_nodes(stack, translate(stack, given, find, ros2=target.is_ros2(stack)))
+            ros2 = None if distro is None else Target(image, distro).is_ros2
+            made = require_nodes(stack, translate(stack, given, find, ros2=ros2))
     except NotFound as error:
         hint = "give a file, the id of a stack in a file of the working directory, or a URL"
         raise UserError(str(error), hint=hint) from error
     except Unreadable as error:
         raise problems_error(nothing, [error.remark.finding]) from error
+    target = Target(image, distro or (LAST_ROS1 if made.ros2 is False else CURRENT))
     about = list_findings(made.remarks, strict=source.strict)
     findings = sort_findings([*about, *_check(source.stack, stack, made, target)])
     if any(finding.severity == "error" for finding in findings):
         raise problems_error(nothing, findings)
+    if distro is None and made.ros2 is None and not archive:
+        assumed = note(stack.place, ASSUMED, "assumed-ros")
+        made = attrs.evolve(made, remarks=(assumed, *made.remarks))
+        findings = (assumed.finding, *findings)
     compose = write_building_rigelfile if archive else write_rigelfile
     text = compose(source.stack, stack, made, target)
     return Converted(text, _render(nothing, findings), sources)
@@ -110,7 +125,7 @@ def _open(source: Muto) -> tuple[Stack, Find]:
     home = path.parent if path.exists() else Path()
     url = source.base_url
     ask = Twin(url, source.access, os.environ, {}).find if url else None
-    return open_stack(source.name, Path(), home, ask)
+    return open_stack(source.name, Path(), home, ask, source.references)
 
 
 def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterator[Finding]:
@@ -122,7 +137,7 @@ def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterat
     found = structure(root, OrchestrationOptions)
     yield from (place(root, problem) for problem in found.problems)
     if found.draft is not None:
-        problems = check(found.draft, target.choose_distro(stack))
+        problems = check(found.draft, target.distro)
         sure = (problem for problem in problems if not found.doubts.may_explain(problem.path))
         yield from (place(root, problem) for problem in sure)
 

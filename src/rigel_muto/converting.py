@@ -19,8 +19,12 @@ from rigel_muto.translation import Translation
 
 #: Used if no image is given; the user replaces it with the right one.
 PLACEHOLDER = "registry.example/robot:1"
-#: The ROS distribution for a stack whose form does not name it.
-DISTROS: Mapping[bool, str] = {False: "noetic", True: "jazzy"}
+#: The ROS distributions for a stack that is for ROS 1, and for any other.
+LAST_ROS1, CURRENT = "noetic", "jazzy"
+ASSUMED = (
+    f"nothing in this stack says for which ROS it is: this is for ROS 2 ({CURRENT}), as Muto is"
+    f" since 2022; for ROS 1, convert it with `--distro {LAST_ROS1}`"
+)
 WIDTH = 100
 IMAGE = "Write the image with the programs of the stack here."
 DEPLOY: Mapping[str, Any] = {"plugin": "rigel_k8s.OrchestrationPlugin"}
@@ -41,18 +45,15 @@ LITERAL = '{{ "{{" }}'
 
 @attrs.frozen
 class Target:
-    """What the Rigelfile sets beside the stack; None: see PLACEHOLDER and DISTROS."""
+    """What the Rigelfile sets beside the stack; no image is PLACEHOLDER."""
 
     image: str | None = None
-    distro: str | None = None
+    distro: str = CURRENT
 
-    def choose_distro(self, stack: Stack) -> str:
-        """Return the ROS distribution."""
-        return self.distro or DISTROS[stack.ros2]
-
-    def is_ros2(self, stack: Stack) -> bool:
-        """Return whether the distribution is one of ROS 2."""
-        return self.choose_distro(stack).lower() in ROS2
+    @property
+    def is_ros2(self) -> bool:
+        """Whether the distribution is one of ROS 2."""
+        return self.distro.lower() in ROS2
 
 
 def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:
@@ -60,7 +61,7 @@ def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:
     return {
         "image": target.image or PLACEHOLDER,
         "deployment_name": name_release(name, stack),
-        **({"network": "peers"} if target.is_ros2(stack) else {}),
+        **({"network": "peers"} if target.is_ros2 else {}),
     }
 
 
@@ -72,7 +73,7 @@ def write_rigelfile(name: str, stack: Stack, made: Translation, target: Target) 
     """
     lines = [
         f"# Made from {name} by `rigel muto convert`.",
-        *_indent({"application": {"distro": target.choose_distro(stack)}}, 0),
+        *_indent({"application": {"distro": target.distro}}, 0),
         *_indent({"jobs": {"deploy": DEPLOY}}, 0),
         "    with:",
         *([] if target.image else [f"      # {IMAGE}"]),
@@ -93,7 +94,7 @@ def write_building_rigelfile(name: str, stack: Stack, made: Translation, target:
     lines = [
         f"# Made from {name} by `rigel muto convert`.",
         "# `rigel run sequence deploy` builds an image of its sources and deploys it.",
-        *_indent({"application": {"distro": target.choose_distro(stack), "dir": SOURCES}}, 0),
+        *_indent({"application": {"distro": target.distro, "dir": SOURCES}}, 0),
         *([] if target.image else ["# Write the name of the image here."]),
         *_indent(image, 0),
         *_indent({"jobs": {**BUILD_JOBS, "deploy": DEPLOY}}, 0),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import json
-import time
-from collections.abc import Mapping
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit
 
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Where Ditto has its things.
 THINGS = "/api/2/things/"
-#: Seconds for a connection and for each answer's next part; for the whole of it.
+#: Seconds for a connection and for each answer's next part; for the whole request.
 PATIENCE, DEADLINE = 5.0, 30.0
 
 
@@ -113,19 +115,63 @@ class Ditto:
         data = None if body is None else json.dumps(body).encode()
         if data is not None:
             headers["Content-Type"] = media
+        client = _pool(url, self.environ, self._authorities)
+        deadline = Deadline()
         try:
-            answer = _pool(url, self.environ, self._authorities).request(
-                method, url, body=data, headers=headers, redirect=False, preload_content=False
-            )
-            try:
-                return _read_answer(answer, url)
-            finally:
-                answer.close()
+            with deadline.over(client.connection_from_url(url)):
+                answer = client.request(
+                    method, url, body=data, headers=headers, redirect=False, preload_content=False
+                )
+                try:
+                    found = _read_answer(answer, url)
+                finally:
+                    answer.close()
+            if deadline.is_over:
+                raise RigelK8sError(f"{url} did not answer within {DEADLINE:g} s")
+            return found
         except urllib3.exceptions.HTTPError as error:
+            if deadline.is_over:
+                raise RigelK8sError(f"{url} did not answer within {DEADLINE:g} s") from error
             reason = getattr(error, "reason", None) or error
             raise RigelK8sError(
                 f"{url} cannot be reached: {reason}", hint="check twin_url and the network"
             ) from error
+
+
+class Deadline:
+    """Ends the connections of a request that takes too long, however slowly each byte arrives."""
+
+    def __init__(self) -> None:
+        self.is_over = False
+        self._sockets: list[socket.socket] = []
+
+    @contextmanager
+    def over(self, pool: urllib3.HTTPConnectionPool) -> Iterator[None]:
+        """Watch the connections that a pool makes meanwhile."""
+        sockets = self._sockets
+
+        class Connection(pool.ConnectionCls):  # type: ignore[name-defined,misc]
+            def _new_conn(self) -> socket.socket:
+                made: socket.socket = super()._new_conn()
+                sockets.append(made.dup())  # TLS takes over the socket itself
+                return made
+
+        pool.ConnectionCls = Connection
+        timer = threading.Timer(DEADLINE, self._end)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            for one in sockets:
+                one.close()
+
+    def _end(self) -> None:
+        self.is_over = True
+        for one in self._sockets:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
 
 
 def _read_answer(answer: urllib3.BaseHTTPResponse, url: str) -> Answer:
@@ -134,14 +180,11 @@ def _read_answer(answer: urllib3.BaseHTTPResponse, url: str) -> Answer:
             f"{url} answered {answer.status}: it refuses these credentials",
             hint="set token, or user and password, of `muto`; each names a variable",
         )
-    until = time.monotonic() + DEADLINE
     content = b""
     for part in answer.stream(2**16):
         content += part
         if len(content) > MOST_BYTES:
             raise UserError(f"{url} has more than {MOST_BYTES} bytes")
-        if time.monotonic() > until:
-            raise RigelK8sError(f"{url} did not answer within {DEADLINE:g} s")
     return Answer(answer.status, content)
 
 

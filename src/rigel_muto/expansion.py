@@ -9,14 +9,15 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.option_text import text_of
-from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
-from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.expansion import Expanded, Extension, Surroundings
+from rigel_k8s.rigelfile.fields import Field
+from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding, place
 from rigel_k8s.rigelfile.source import YamlNode, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.system.trust import Untrusted, require_trust
 from rigel_muto.library import NotFound
 from rigel_muto.opening import Find, open_stack
-from rigel_muto.options import Muto, muto_of
+from rigel_muto.options import Muto
 from rigel_muto.remarks import Remark, Unreadable, leave_out_replaced, list_findings, note
 from rigel_muto.stack import Stack
 from rigel_muto.translation import Translation, require_nodes, translate
@@ -32,33 +33,36 @@ class NotAsked(Exception):
 
 
 def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
-    """Return a job's options with the stack's nodes in place of `muto`.
-
-    A wrong form of `muto` itself is left to the reader of all options.
-    """
-    written = node.value.get(KEY)
-    if written is None or written.value is None:
-        return Expanded(node)
-    found = None if written.has_hole() else structure(written, Muto | str)
-    if found is None or found.value is None or surroundings.directory is None:
-        return Expanded(_wait(node, written))
+    """Return a job's options with the stack's nodes in place of `muto`."""
+    written = node.value[KEY]
+    rest = attrs.evolve(node, value={k: v for k, v in node.value.items() if k != KEY})
+    if written.value is None and not written.hole:
+        return Expanded(rest)
+    unknown = attrs.evolve(written, value=None, raw=None, hole=True)
+    waiting = attrs.evolve(rest, value={**rest.value, NODES: unknown})
+    if written.has_hole() or surroundings.directory is None:
+        return Expanded(waiting)
+    found = structure(written, Muto | str)
+    if found.value is None:
+        return Expanded(waiting, tuple(place(written, problem) for problem in found.problems))
     try:
-        options = muto_of(found.value)
-    except ValueError:
-        return Expanded(_wait(node, written))
-    assert options is not None, "there is a value"
-    own = node.value.get(NODES)
-    translated = _translate(options, written, _entries_of(own), surroundings)
+        options = Muto(stack=found.value) if isinstance(found.value, str) else found.value
+    except ValueError as fault:
+        return Expanded(waiting, (make_finding(written, str(fault), "bad-value"),))
+    own = _entries_of(rest.value.get(NODES))
+    translated = _translate(options, written, own, surroundings)
     if isinstance(translated, Finding):
-        return Expanded(_wait(node, written), (translated,))
-    remarks = leave_out_replaced(translated.remarks, node, _entries_of(own))
+        return Expanded(waiting, (translated,))
+    remarks = leave_out_replaced(translated.remarks, node, own)
     findings = (
         *list_findings(remarks, strict=options.strict),
         *(remark.finding for remark in _remark_on_further(own, translated.nodes)),
     )
     if any(finding.severity == "error" for finding in findings):
-        return Expanded(_wait(node, written), findings)
-    return Expanded(_replace(node, written, translated), findings)
+        return Expanded(waiting, findings)
+    made = {NODES: attrs.evolve(written, value=dict(translated.nodes), raw=None)}
+    merged = lay_over(attrs.evolve(node, value={**made, **translated.options}), rest)
+    return Expanded(merged, findings)
 
 
 def _translate(
@@ -70,7 +74,8 @@ def _translate(
     at = locate(written, ("stack",))
     try:
         ask = _choose_twin(options, surroundings)
-        stack, find = open_stack(options.name, surroundings.directory, surroundings.home, ask)
+        home, chosen = surroundings.home, options.references
+        stack, find = open_stack(options.name, surroundings.directory, home, ask, chosen)
         made = translate(stack, given, find)
         return made if own else require_nodes(stack, made)
     except NotAsked:
@@ -107,23 +112,6 @@ def _choose_twin(options: Muto, surroundings: Surroundings) -> Find | None:
     return ask
 
 
-def _wait(node: YamlNode, written: YamlNode) -> YamlNode:
-    """Return options whose `nodes` are not known."""
-    unknown = attrs.evolve(written, value=None, raw=None, hole=True)
-    return attrs.evolve(node, value={**node.value, NODES: unknown})
-
-
-def _replace(node: YamlNode, written: YamlNode, made: Translation) -> YamlNode:
-    """Return options with those of a stack, the Rigelfile's own laid over them, for `muto`."""
-    rest = {key: value for key, value in node.value.items() if key != KEY}
-    nodes = attrs.evolve(written, value=dict(made.nodes), raw=None)
-    stacked = {NODES: nodes, **made.options}
-    merged = {
-        key: lay_over(value, rest[key]) if key in rest else value for key, value in stacked.items()
-    }
-    return attrs.evolve(node, value={**rest, **merged})
-
-
 def lay_over(base: YamlNode, over: YamlNode) -> YamlNode:
     """Return a value with another one laid over it: mappings by key, where null removes a key."""
     if not isinstance(base.value, dict) or not isinstance(over.value, dict):
@@ -142,13 +130,25 @@ def _entries_of(own: YamlNode | None) -> Mapping[str, YamlNode]:
     return value if isinstance(value, dict) else {}
 
 
-def _remark_on_further(own: YamlNode | None, nodes: Mapping[str, YamlNode]) -> list[Remark]:
+def _remark_on_further(own: Mapping[str, YamlNode], nodes: Mapping[str, YamlNode]) -> list[Remark]:
     """Remark on entries of `nodes` that are probably meant for a node of the stack."""
     remarks = []
-    for key, entry in _entries_of(own).items():
+    for key, entry in own.items():
         close = find_nearest(key, nodes)
         says = entry.value.keys() if isinstance(entry.value, dict) else ()
         if key not in nodes and close and not PROGRAMS.intersection(says):
             message = f'the stack has no node "{key}", did you mean "{close}"?'
             remarks.append(note(entry, message, "unknown-node", key=True))
     return remarks
+
+
+EXTENSION = Extension(
+    Field(
+        *(KEY, KEY, (), Muto | str | None),
+        required=False,
+        default=None,
+        doc="a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its"
+        " `stack`",
+    ),
+    expand,
+)

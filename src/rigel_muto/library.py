@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.rigelfile.limits import MOST_BYTES
-from rigel_k8s.rigelfile.source import Source
+from rigel_k8s.rigelfile.source import Source, strip_places
 from rigel_k8s.system.local_files import read_text
 from rigel_muto.formats import list_stacks
 from rigel_muto.reading import read
@@ -34,11 +36,15 @@ class Library:
 
     Args:
         home: the directory that files must be in, unless they are in a trusted one.
+        chosen: the files of ids that several files have.
     """
 
-    def __init__(self, directory: Path, home: Path) -> None:
+    def __init__(
+        self, directory: Path, home: Path, chosen: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
         self._directory = directory
         self._home = home
+        self._chosen = chosen
         self._read: dict[str, tuple[Stack, ...]] = {}
 
     def open(self, name: str) -> tuple[Stack, ...]:
@@ -55,22 +61,31 @@ class Library:
         """Return the stack of an id.
 
         Raises:
-            NotFound: no file has it, or several have.
+            NotFound: no file has it, or several have different ones.
         """
+        chosen = self._chosen.get(identifier)
         found = [
             (file, stack)
             for file, text in self._texts.items()
-            if identifier in text
+            if identifier in text and chosen in (None, file)
             for stack in self._list_stacks(file)
             if identifier in stack.ids
         ]
-        if len(found) == 1:
+        stacks = [strip_places(stack.place) for _, stack in found]
+        if found and all(stack == stacks[0] for stack in stacks):
             return found[0][1]
-        place = f"the files of {self._directory}"
+        place = f"the files of {self._directory}" if chosen is None else chosen
         if not found:
             raise NotFound(f'no stack "{identifier}" in {place}')
-        files = " and ".join(dict.fromkeys(file for file, _ in found))
-        raise Ambiguous(f'the stack "{identifier}" exists more than once in {place}: in {files}')
+        files = list(dict.fromkeys(file for file, _ in found))
+        message = f'the stack "{identifier}" exists more than once in {place}'
+        if len(files) == 1:
+            raise Ambiguous(f"{message}: name it differently there")
+        raise Ambiguous(
+            f"{message}, in {' and '.join(files)}: choose one with"
+            f" `rigel muto convert --reference {identifier}={files[0]}`, or in `muto` with"
+            f' `references: {{"{identifier}": {files[0]}}}`'
+        )
 
     def _open_text(self, name: str) -> str:
         return read_text(self._directory / name, self._home, MOST_BYTES, what="a stack")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from urllib.parse import urlsplit
 
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
@@ -23,7 +24,13 @@ DATA = "data:;base64,"
 Find = Callable[[str], Stack]
 
 
-def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tuple[Stack, Find]:
+def open_stack(
+    name: str,
+    directory: Path,
+    home: Path,
+    ask: Find | None,
+    chosen: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[Stack, Find]:
     """Return the stack of a name, and what finds those that it refers to.
 
     Args:
@@ -31,6 +38,7 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
             files of the directory (of the file, if there is one), then by `ask`.
         home: the directory that files must be in, unless they are in a trusted one.
         ask: finds stacks elsewhere; None: nowhere else.
+        chosen: the files of ids that several files have.
 
     Raises:
         NotFound: the stack or the file does not exist.
@@ -38,14 +46,14 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
         UserError: it may not be read.
     """
     if name.startswith(DATA):
-        find = _look_in_both(Library(directory, home), ask)
+        find = _look_in_both(Library(directory, home, chosen), ask)
         return _open_data(name.removeprefix(DATA)), find
     path = directory / name
     # os.path's answers False for a name that no file can have.
     if not os.path.exists(path) and path.suffix not in SUFFIXES:  # noqa: PTH110
-        find = _look_in_both(Library(directory, home), ask)
+        find = _look_in_both(Library(directory, home, chosen), ask)
         return find(name), find
-    library = Library(path.parent, home)
+    library = Library(path.parent, home, chosen)
     try:
         stacks = library.open(path.name)
     except OSError as error:

@@ -24,6 +24,9 @@ class Muto:
         " text as a data URL, `data:;base64,TEXT`"
     )
     args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
+    references: Mapping[str, str] = option(
+        "the files of stacks whose ids several files have, by id", {}
+    )
     strict: bool = option("refuse a stack of which something is not carried over", default=False)
     twin_url: str | None = option(
         "a Ditto whose things are stacks, asked for what no file has: what stands before"
@@ -63,8 +66,3 @@ class Muto:
     def access(self) -> Access:
         """How to log in there."""
         return Access(self.token, self.user, self.password)
-
-
-def muto_of(written: Muto | str | None) -> Muto | None:
-    """Return the options; a word is short for its `stack`."""
-    return Muto(stack=written) if isinstance(written, str) else written

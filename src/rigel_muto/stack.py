@@ -56,6 +56,12 @@ class Stack:
     ros2: bool = False
 
     @property
+    def needs_ros1(self) -> bool:
+        """Whether it has what only ROS 1 has: global parameters, nodelets."""
+        nodelets = (text_at(node.value, "pkg") == "nodelet" for node in self.nodes)
+        return bool(self.parameters) or any(nodelets)
+
+    @property
     def needs_build(self) -> bool:
         """Whether it, or a part of it, is an archive with sources."""
         return self.archive is not None or any(part.needs_build for part in self.parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import attrs
 
@@ -47,31 +47,46 @@ class Translation:
 
     Attributes:
         options: the job's options beside `nodes`: global parameters.
+        ros2: whether the stacks are for ROS 2; None if nothing in them says so.
     """
 
     nodes: Mapping[str, YamlNode]
     remarks: tuple[Remark, ...]
     options: Mapping[str, YamlNode] = attrs.field(factory=dict)
+    ros2: bool | None = None
 
 
 def translate(
-    stack: Stack, given: Mapping[str, str], find: Callable[[str], Stack], *, ros2: bool = False
+    stack: Stack,
+    given: Mapping[str, str],
+    find: Callable[[str], Stack],
+    *,
+    ros2: bool | None = None,
 ) -> Translation:
     """Return the nodes of a stack and of all that it refers to.
 
     Args:
         given: values of arguments; each must be declared by one of the stacks.
         find: returns the stack of an id, or raises NotFound or Unreadable.
-        ros2: they are for ROS 2, even if their forms do not show it.
+        ros2: whether they are for ROS 2; None: as the stacks say.
     """
     gathering = Gathering(find)
     gathering.add(stack)
-    work = _Work(given, ros2=ros2)
+    if ros2 is None:
+        ros2 = _find_ros2(gathering.stacks)
+    work = _Work(given, ros2=bool(ros2))
     for one in gathering.stacks:
         work.add(one)
     work.join_nodelets()
     remarks = (*gathering.remarks, *work.list_remarks(), *work.list_unknown_arguments(stack))
-    return Translation(work.nodes, remarks, work.options)
+    return Translation(work.nodes, remarks, work.options, ros2)
+
+
+def _find_ros2(stacks: Sequence[Stack]) -> bool | None:
+    """Return whether stacks are for ROS 2; None if nothing in them says so."""
+    if any(stack.ros2 for stack in stacks):
+        return True
+    return False if any(stack.needs_ros1 for stack in stacks) else None
 
 
 def require_nodes(stack: Stack, made: Translation) -> Translation:
@@ -104,7 +119,7 @@ class _Work:
         self._declared |= arguments.names
         if stack.archive:
             self._remarks.append(error(stack.archive.place, BUILD, "needs-build", key=True))
-        if self._ros2 or stack.ros2:
+        if self._ros2:
             self._remarks += [loss(entry, GLOBAL) for entry in stack.parameters]
         else:
             self._add_parameters(stack, arguments)

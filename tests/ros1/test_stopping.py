@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.until import until
+
 pytestmark = pytest.mark.cluster
 
 PROMISE = 3  # seconds from the hook's start until the master knows the node no more
@@ -223,3 +225,39 @@ def test_spares_others(pods, eventually, cgroup):
     pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "4")
     eventually(lambda: not pod.pids("sleep 962"), "the container's own process has ended")
     assert pod.pids("sleep 961")
+
+
+#: Logs, and says when it has ended.
+LOGGING = """
+import sys, rospy
+rospy.init_node(sys.argv[1])
+while not rospy.is_shutdown():
+    rospy.loginfo("busy")
+    rospy.rostime.wallsleep(0.05)
+print("ended " + sys.argv[1], file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize("gate", [True, False])
+def test_no_line_of_a_log_waits_for_the_master(pods, *, gate):
+    """SIGINT in a call to the master would meet rospy's own lock in the same thread, for ever.
+
+    The master is frozen while SIGINT arrives: a node that calls it is in a call then.
+    """
+    master = pods.gated()[0] if gate else pods.roscore()
+    program = "rigel_gate" if gate else "rosmaster"
+    names = [f"n{number}" for number in range(4)]
+    start = f"for n in {' '.join(names)}; do python3 -c '{LOGGING}' $n >/dev/null & done; wait"
+    pod = pods.start("logging", "sh", "-c", start)
+    for name in names:
+        until(lambda name=name: pods.is_registered(pod, f"/{name}"), name)
+    time.sleep(2)
+    master.signal(program, signal.SIGSTOP)
+    time.sleep(1)
+    for pid in set(pod.pids("init_node")) - {pod.init}:
+        os.kill(pid, signal.SIGINT)
+    time.sleep(1)
+    master.signal(program, signal.SIGCONT)
+    until(
+        lambda: pod.log().count("ended n") == len(names), "the end of all", 40, last_words=pod.log
+    )

@@ -223,9 +223,8 @@ class Lab:
         stderr: BinaryIO,
         **_: Any,
     ) -> int:
-        """Run a command in a pod as the cluster's exec does; the scripts are not mounted here."""
-        words = [word.replace(rigel_inpod.MOUNT_PATH, str(SCRIPTS)) for word in command]
-        words = self.pods[pod].entering(words)
+        """Run a command in a pod as the cluster's exec does."""
+        words = self.pods[pod].entering(list(command))
         with subprocess.Popen(
             words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         ) as process:

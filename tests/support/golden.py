@@ -1,7 +1,8 @@
 """Golden files: a whole one for each shape, and what differs from it in the others.
 
 A file has a YAML document for each object. Objects of a whole file are written as they are. In
-another file, an object that resembles one of a whole file has only what differs:
+another file, an object that resembles one of a whole file, or an earlier one of its own, has only
+what differs:
 
     like: nodes Deployment talker       # of nodes.yaml; that is all if nothing differs
     metadata:
@@ -52,7 +53,7 @@ class Golden:
     def compare(self, case: str, *, update: bool) -> None:
         """Compare a case's objects with its file, or write it."""
         made = self.make(case)
-        written = made if case in self.whole else [self.shorten(item) for item in made]
+        written = made if case in self.whole else self.shorten(case)
         assert [self.restore(item) for item in written] == made
         text = documents(written)
         file = self.folder / f"{case}.yaml"
@@ -60,19 +61,14 @@ class Golden:
             file.write_text(text, "utf-8")
         assert text == file.read_text("utf-8")
 
-    def shorten(self, item: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return how an object differs from the one that it resembles most."""
-        size = len(documents([item]).splitlines())
-        best, least = item, size * (1 - LEAST)
-        for case in self.whole:
-            for other in self.make(case):
-                if kind(other) != kind(item):
-                    continue
-                made = {"like": f"{case} {title(other)}", **(differ(other, item) or {})}
-                lines = len(documents([made]).splitlines())
-                if lines < least:
-                    best, least = made, lines
-        return best
+    def shorten(self, case: str) -> list[Mapping[str, Any]]:
+        """Return a case's objects by what differs: from whole ones, or from earlier ones here."""
+        known = [(other, item) for other in self.whole for item in self.make(other)]
+        written = []
+        for item in self.make(case):
+            written.append(find_shortest(item, known))
+            known.append((case, item))
+        return written
 
     def restore(self, item: Mapping[str, Any]) -> Any:
         """Return the object that is written so."""
@@ -81,6 +77,21 @@ class Golden:
         case, _, wanted = item["like"].partition(" ")
         (other,) = (other for other in self.make(case) if title(other) == wanted)
         return apply(other, {key: value for key, value in item.items() if key != "like"})
+
+
+def find_shortest(
+    item: Mapping[str, Any], known: Iterable[tuple[str, Mapping[str, Any]]]
+) -> Mapping[str, Any]:
+    """Return an object by what differs from the one that it resembles most, or whole."""
+    best, least = item, len(documents([item]).splitlines()) * (1 - LEAST)
+    for case, other in known:
+        if kind(other) != kind(item):
+            continue
+        made = {"like": f"{case} {title(other)}", **(differ(other, item) or {})}
+        lines = len(documents([made]).splitlines())
+        if lines < least:
+            best, least = made, lines
+    return best
 
 
 def kind(item: Mapping[str, Any]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,20 @@ def fake() -> FakeCluster:
 def report() -> Recorder:
     """A reporter that remembers."""
     return Recorder()
+
+
+class Today(date):
+    """A day that stays: golden files with a distribution do not change when its support ends."""
+
+    @classmethod
+    def today(cls) -> Today:
+        return cls(2026, 11, 24)
+
+
+@pytest.fixture(autouse=True)
+def today(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All distributions of the golden files are supported."""
+    monkeypatch.setattr("rigel_k8s.app.checks.application.date", Today)
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,56 @@
-"""Programs that are sent into a pod with a request, to read its ROS graph there.
+"""Programs that are sent into a pod with a request, and how.
 
-They are not mounted, so a pod that an older version deployed can be read by a newer one. They run
-on any Python from 2.7 on, like the other scripts, and print one JSON document. What reads a DDS
-graph is sent in the same way, from rigel_exporter.
+They are not mounted, so a pod that an older version deployed can be examined by a newer one, and a
+change of them restarts no robot. Nothing is written in the pod: the modules arrive on standard
+input, as one line, and are imported from memory. They print JSON.
+
+ros1_graph.py, ros1_parameters.py   the graph of ROS 1; Python 2.7 and newer
+heard.py   rates of topics, in the exporter's pod; 3.9 and newer
+dds.py with its modules, of rigel_inpod   the DDS check; 3.6 and newer
+dds_graph.py with its modules, of rigel_exporter   the graph of DDS; 3.9 and newer
 """
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from importlib.resources import files
+from typing import Sequence
+
+#: Python 2.7 and 3: makes modules from standard input, and runs the last one.
+LOADER = """
+import base64, json, sys, types, zlib
+line = sys.stdin.readline()
+sent = json.loads(zlib.decompress(base64.b64decode(line)).decode("utf-8"))
+texts = dict(sent)
+packages = {name.rpartition(".")[0] for name in texts}
+def make(name):
+    module = types.ModuleType(str(name))
+    module.__package__ = str(name if name in packages else name.rpartition(".")[0])
+    if name in packages:
+        module.__path__ = []
+    sys.modules[str(name)] = module
+    exec(compile(texts[name], "<%s>" % name, "exec"), module.__dict__)
+    if "." in name:
+        parent, _, own = name.rpartition(".")
+        setattr(sys.modules[parent], own, module)
+for name, _ in sent[:-1]:
+    make(name)
+exec(compile(sent[-1][1], "<rigel-k8s>", "exec"), {"__name__": "__main__"})
+"""
+
+
+def pack(modules: Sequence[tuple[str, str]]) -> bytes:
+    """Return the line that LOADER reads.
+
+    Args:
+        modules: (import name, text), each after those that it imports; the last is run.
+    """
+    return base64.b64encode(zlib.compress(json.dumps(modules).encode())) + b"\n"
+
+
+def read_module(name: str) -> str:
+    """Return the text of a module of rigel_inpod, rigel_inpod.sent or rigel_exporter."""
+    package, _, module = name.rpartition(".")
+    return (files(package) / f"{module}.py").read_text(encoding="utf-8")

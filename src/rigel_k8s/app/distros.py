@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from datetime import date
 
 from rigel_k8s.distros import ROS1, ROS2
 from rigel_k8s.objects.naming import Ros
@@ -20,7 +21,17 @@ def ros_of(distro: str, chosen: Ros | None = None) -> Ros:
 
 def guess_distro(distro: str) -> str | None:
     """Return the distribution that an unknown name was probably meant to be."""
-    known = sorted(ROS1 | ROS2)
+    known = sorted({*ROS1, *ROS2})
     if distro.lower() in known:
         return None
     return next(iter(difflib.get_close_matches(distro.lower(), known, n=1, cutoff=0.7)), None)
+
+
+def find_end(distro: str, today: date) -> date | None:
+    """Return the last day of a distribution's support if it is over.
+
+    noetic has none: there is no newer ROS 1 to move to.
+    """
+    ends = {**ROS1, **ROS2, "noetic": date.max}
+    end = ends.get(distro.lower(), date.max)
+    return end if end < today else None

@@ -47,9 +47,6 @@ from rigel_k8s.objects.scalars import (
     RosUri,
 )
 from rigel_k8s.observability.options import Observability
-from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
-from rigel_k8s.rigelfile.source import YamlNode
-from rigel_muto.options import Muto, muto_of
 
 
 @attrs.frozen(kw_only=True)
@@ -192,6 +189,8 @@ class OrchestrationOptions:
 
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
+    #: Other packages add keys that stand for nodes, such as `muto`.
+    extended_by: ClassVar[str] = "rigel_k8s.options"
 
     namespace: ObjectName | None = option("the Kubernetes namespace; created if it does not exist")
     deployment_name: ObjectName = option(
@@ -229,12 +228,6 @@ class OrchestrationOptions:
         "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) in global parameters; a"
         " node has an option of its own",
         default=False,
-    )
-    muto: Muto | None = option(
-        "a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its"
-        " `stack`",
-        accepts=Muto | str | None,
-        converter=muto_of,
     )
     ros: Literal["1", "2", "none"] | None = option(
         "which ROS; none is a plain DDS application (default: that of application.distro)"
@@ -286,12 +279,3 @@ class OrchestrationOptions:
     )
     image_pull_secrets: list[DottedName] = option("Secrets with registry credentials", [])
     timeout: Duration | None = option("how long the roll-out may take (default 5m)")
-
-    @staticmethod
-    def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
-        """Replace `muto` with a stack's nodes, before anything else reads the options."""
-        if "muto" not in node.value:
-            return Expanded(node)
-        from rigel_muto.expansion import expand
-
-        return expand(node, surroundings)

@@ -7,9 +7,10 @@ from typing import Any
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.overlay import merge, simplify
+from rigel_k8s.rigelfile.fields import fields_by_key
 
 #: A job with one of these describes a whole release.
-WHOLE = ("nodes", "muto", "application_image", "deploy_ros_master")
+WHOLE = ("nodes", "application_image", "deploy_ros_master")
 #: Options whose parts belong together: a mix of an old and a new one would be invalid.
 AS_ONE = ("readiness", "rolling_update", "results")
 
@@ -23,7 +24,9 @@ def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_partial(raw: Mapping[str, Any]) -> bool:
     """Return whether a job describes only how a release differs from its last revision."""
-    return not any(key in flat(raw) for key in WHOLE)
+    keys = flat(raw).keys()
+    added = keys - fields_by_key(OrchestrationOptions).keys()  # they stand for nodes
+    return not added and keys.isdisjoint(WHOLE)
 
 
 def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:

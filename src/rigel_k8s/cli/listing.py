@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from typing import Any
 
 import click
 
+from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import is_quiet, namespace_option, print_json, settings
 from rigel_k8s.release.listing import ReleaseSummary
 
+#: Of revisions that are not good.
+STATES = {"failed": "red", "pending": WARNING}
 HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 
 
@@ -46,7 +49,7 @@ def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # 
         click.echo(f"no releases in {where}", err=True)
 
 
-def summary_table(found: Iterable[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:
+def summary_table(found: Sequence[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:
     """Return releases as a table."""
     from rigel_k8s.cli.tables import age, table
 
@@ -63,7 +66,8 @@ def summary_table(found: Iterable[ReleaseSummary], now: datetime, *, everywhere:
         ]
         for one in found
     ]
-    return table([*(["NAMESPACE"] if everywhere else []), *HEADS], rows)
+    colors = [STATES.get(one.status) for one in found]
+    return table([*(["NAMESPACE"] if everywhere else []), *HEADS], rows, colors=colors)
 
 
 def summary_json(one: ReleaseSummary) -> dict[str, Any]:

@@ -5,6 +5,7 @@ Commands are imported when they are called: `rigel --help` costs little more tha
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import sys
@@ -19,11 +20,13 @@ import click
 from rigel_k8s import __version__, signals
 from rigel_k8s.cli.colors import choose_color
 from rigel_k8s.cli.width import find_width, wrap
-from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 
 INTERRUPTED = 130
+#: What a write to standard output fails with where nothing more fits: a full disk, a quota.
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
-#: Command -> (module of this package, one line of help), in the order of the help.
+#: Command -> (module, one line of help), in the order of the help.
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
     "check": ("rigelfiles", "Report all problems of the Rigelfile at once."),
@@ -47,7 +50,6 @@ COMMANDS = {
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
-    "muto": ("rigel_muto.cli", "Use stacks of Eclipse Muto, and take its commands."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
@@ -56,18 +58,40 @@ COMMANDS = {
 }
 
 
+def list_all_commands() -> dict[str, tuple[str, str]]:
+    """Return the table with the rows that other packages add."""
+    from rigel_k8s.installed import find, list_names
+
+    added = sorted(list_names("rigel_k8s.commands") - COMMANDS.keys())
+    return COMMANDS | {name: find("rigel_k8s.commands", name) for name in added}
+
+
+#: What other tools call a command.
+OTHER_WORDS = {
+    **dict.fromkeys(("apply", "deploy", "install", "start", "up", "upgrade"), "run"),
+    **dict.fromkeys(("describe", "get", "ps"), "status"),
+    **dict.fromkeys(("delete", "destroy", "remove", "rm", "stop", "uninstall"), "down"),
+    **dict.fromkeys(("hz", "node", "nodes", "rosnode", "rostopic", "topic", "topics"), "graph"),
+    **dict.fromkeys(("lint", "validate"), "check"),
+    **dict.fromkeys(("attach", "shell", "ssh"), "exec"),
+    **{"ls": "list", "plan": "diff", "port-forward": "forward", "template": "render"},
+    **{"stats": "top", "undo": "rollback", "web": "ui"},
+}
+
+
 class Commands(click.Group):
     """A group whose commands' modules are imported when a command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return all names, in the table's order."""
-        return list(COMMANDS)
+        """Return all names."""
+        return list(list_all_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command, None if the name is unknown."""
-        if cmd_name not in COMMANDS:
+        row = COMMANDS.get(cmd_name) or list_all_commands().get(cmd_name)
+        if row is None:
             return None
-        name = COMMANDS[cmd_name][0]
+        name = row[0]
         module = import_module(name if "." in name else f"rigel_k8s.cli.{name}")
         known = vars(module)  # `exec` and `list` are Python's own names
         command: click.Command = known.get(cmd_name) or known[f"{cmd_name}_"]
@@ -80,15 +104,19 @@ class Commands(click.Group):
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             from difflib import get_close_matches
 
-            close = get_close_matches(args[0], COMMANDS, n=1)
-            meant = f' Did you mean "{close[0]}"?' if close else ""
-            raise click.UsageError(f'Unknown command "{args[0]}".{meant}', ctx)
+            known = self.list_commands(ctx)
+            if args[0] not in known:
+                other = OTHER_WORDS.get(args[0])
+                close = [other] if other else get_close_matches(args[0], known, n=1)
+                meant = f', did you mean "{close[0]}"?' if close else ""
+                raise click.UsageError(f'unknown command "{args[0]}"{meant}', ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table without importing anything."""
+        """Write the table without importing any command."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+            rows = list_all_commands().items()
+            formatter.write_dl([(name, text) for name, (_, text) in rows])
 
 
 @click.group(
@@ -153,6 +181,9 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     # A thousand nodes are a million values, and all of them are kept: searching them for garbage
     # again and again would take as long as the work, and longer the more nodes there are.
     gc.set_threshold(100_000, 50, 50)
+    if not open_streams():
+        click.echo("error: standard output is closed; to discard it, use > /dev/null", err=True)
+        sys.exit(1)
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and name is None and words[:1] in (["init"], ["run"]):
         from rigel_k8s.compat import handover
@@ -169,6 +200,21 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     if arguments is None:
         leave(code)
     sys.exit(code)
+
+
+def open_streams() -> bool:
+    """Open standard error if it is closed, and return whether standard output is open.
+
+    A connection or a file would otherwise get its number, and what is written to it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w")
+    return sys.stdout is not None
 
 
 def leave(code: int) -> NoReturn:
@@ -199,7 +245,15 @@ def run(words: list[str], name: str | None) -> int:
         click.echo(error.format_message())
         return 0
     except click.ClickException as error:
-        error.show()
+        message = error.format_message().rstrip(".")
+        path = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else ""
+        show(
+            UserError(
+                message[:1].lower() + message[1:],
+                hint=f"`{path} --help` shows how it is used" if path else None,
+            ),
+            color=choose_color(no_color=bool(options.get("no_color"))),
+        )
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         # The cursor is behind a ^C, or behind the question that Ctrl-D has ended.
@@ -210,6 +264,11 @@ def run(words: list[str], name: str | None) -> int:
         # The reader of our output has ended (`| head`): this is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.errno not in FULL or error.filename is not None:
+            return report_bug()
+        show(ClusterError(f"cannot write the output: {error.strerror}"))
+        return 1
     except Exception:
         return report_bug()
 
@@ -243,8 +302,10 @@ def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = Non
     click.echo(wrap(error.message, sys.stderr, len("error: ")), err=True)
     margin = "  "
     for detail in error.fit_details(find_width(sys.stderr) - len(margin)):
-        for line in detail.splitlines():
+        message, *snippet = detail.splitlines() or [""]
+        click.echo(f"{margin}{wrap(message, sys.stderr, len(margin), margin)}", err=True)
+        for line in snippet:
             click.echo(f"{margin}{line}", err=True)
     if error.hint:
         click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True, color=color)
-        click.echo(error.hint, err=True)
+        click.echo(wrap(error.hint, sys.stderr, len("hint: ")), err=True)

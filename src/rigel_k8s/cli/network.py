@@ -13,8 +13,6 @@ from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, pr
 from rigel_k8s.errors import UserError
 
 if TYPE_CHECKING:
-    from rigel_k8s.network.multus.interfaces import Missing
-    from rigel_k8s.network.multus.leases import Unkept
     from rigel_k8s.network.multus.status import NetworkStatus, PartStatus
     from rigel_k8s.network.options import Install
 
@@ -80,7 +78,6 @@ def network() -> None:
 
 @network.command()
 @with_options(*PLACES, *IMAGES)
-@click.option("--dhcp/--no-dhcp", default=None, help="Install CNI's DHCP daemon, for `ipam: dhcp`.")
 @click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @click.option("--adopt", is_flag=True, help="Take over existing objects of the same names.")
 @click.pass_context
@@ -192,8 +189,7 @@ def show(found: NetworkStatus) -> None:
         for node in found.nodes
     ]
     click.echo(f"\n{table(heads, rows)}")
-    problems: list[Missing | Unkept] = [*found.missing, *found.unkept]
-    for wrong in problems:
+    for wrong in found.missing:
         click.secho(f"\n{wrong}", fg=WARNING, nl=False)
         click.echo(f"\n  kubectl -n {wrong.namespace} delete pod {wrong.pod}")
 

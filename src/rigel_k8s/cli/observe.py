@@ -92,7 +92,7 @@ def status(ctx: click.Context, /, output: str) -> int:
 
 @observe.command()
 @click.option("--volumes", is_flag=True, help="Delete its data and Grafana's password, too.")
-@click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
 @click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @click.pass_context
 def remove(
@@ -106,8 +106,7 @@ def remove(
     from rigel_k8s.cli.releases import confirm
     from rigel_k8s.commands import observe as actions
 
-    if volumes and not yes:
-        confirm("Delete all logs and metrics of all applications?")
+    confirm("the observability stack of all applications", volumes=volumes, yes=yes)
     with choose_reporter(ctx) as report:
         gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
     left = f", {kept} kept for their data" if kept else ""

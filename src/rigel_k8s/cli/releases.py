@@ -76,6 +76,9 @@ def diff(
         click.secho(line, fg=line_color(line))
     if not is_quiet(ctx):
         click.echo(summary(found.steps), err=True)
+    if found.conflict is not None:
+        found.conflict.exit_code = 2 if exit_code else found.conflict.exit_code
+        raise found.conflict
     return 1 if exit_code and any(step.writes for step in found.steps) else 0
 
 
@@ -131,6 +134,7 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 @click.pass_context
 def history(ctx: click.Context, /, job: str | None, output: str) -> None:
     """List the revisions of a release, the newest last."""
+    from rigel_k8s.cli.listing import STATES
     from rigel_k8s.cli.tables import table
     from rigel_k8s.commands import releases
 
@@ -141,7 +145,9 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
         print_json(rows)
     elif rows:
         heads = ["REVISION", "STATUS", "CREATED", "DESCRIPTION"]
-        click.echo(table(heads, [[str(row[name]) for name in columns] for row in rows]))
+        colors = [STATES.get(revision.status) for revision in found]
+        cells = [[str(row[name]) for name in columns] for row in rows]
+        click.echo(table(heads, cells, colors=colors))
     else:
         click.echo("no revisions: nothing was deployed", err=True)
 
@@ -189,7 +195,7 @@ def rollback(
     shell_complete=complete_sequence,
 )
 @click.option("--volumes", is_flag=True, help="Delete claims and volumes, too; their data is lost.")
-@click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
 @click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @lock_timeout_option
 @click.pass_context
@@ -203,21 +209,26 @@ def down(
     timeout: float | None,
     lock_timeout: float | None,
 ) -> None:
-    """Delete a release. Its claims and volumes stay unless --volumes."""
+    """Delete a release. Its claims and volumes stay unless --volumes.
+
+    In a terminal it asks before, unless -y.
+    """
     if job and sequence:
         raise click.UsageError("name either a job or a sequence", ctx)
-    if volumes and not yes:
-        confirm("Delete claims and volumes with all their data?")
-    with choose_reporter(ctx) as report:
-        words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
-        if sequence:
-            from rigel_k8s.commands import fleet
+    words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
+    if sequence:
+        from rigel_k8s.commands import fleet
 
+        confirm(f"all releases of the sequence {sequence}", volumes=volumes, yes=yes)
+        with choose_reporter(ctx) as report:
             removed = fleet.down(words, sequence, report, volumes=volumes)
-        else:
-            from rigel_k8s.commands import releases
+    else:
+        from rigel_k8s.commands import releases, targets
 
-            removed = [releases.down(words, job, report, volumes=volumes)]
+        found = targets.release(words, job, named=True)
+        confirm(f"{found.id.name} from {found.id.namespace}", volumes=volumes, yes=yes)
+        with choose_reporter(ctx) as report:
+            removed = [(found.id, releases.down(found, words, report, volumes=volumes))]
     for release, plan in removed:
         click.echo(describe_removal(release, plan))
 
@@ -235,17 +246,22 @@ def describe_removal(release: ReleaseId, plan: Plan) -> str:
     return f"removed {where}: {plural(deleted, 'object')} deleted{left}"
 
 
-def confirm(question: str) -> None:
-    """Ask for confirmation; without it, end with exit code 1.
+def confirm(what: str, *, volumes: bool, yes: bool) -> None:
+    """Ask for confirmation in a terminal; without it, end with exit code 1.
 
     Raises:
-        UserError: there is no terminal.
+        UserError: data would be deleted, and there is no terminal.
         click.Abort: Ctrl-C or Ctrl-D.
     """
+    if yes:
+        return
     if not sys.stdin.isatty():
-        raise UserError(
-            "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
-        )
-    if not click.confirm(question, err=True):
+        if volumes:
+            raise UserError(
+                "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
+            )
+        return
+    data = ", its volumes and all their data" if volumes else ""
+    if not click.confirm(f"Delete {what}{data}?", err=True):
         click.echo("nothing was deleted", err=True)
         raise click.exceptions.Exit(1)

@@ -6,8 +6,10 @@ import sys
 
 import click
 
-from rigel_k8s.cli.width import find_width
+from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import find_width, wrap
 from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
+from rigel_k8s.objects.text import plural
 
 
 @click.command()
@@ -30,26 +32,38 @@ def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 
 
 
 @click.command()
-@click.option("--rigel03", is_flag=True, help="Report also what Rigel 0.3 does not accept.")
 @json_option
 @click.pass_context
-def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FBT001 - see init
+def check(ctx: click.Context, /, output: str) -> int:
     """Report all problems of the Rigelfile, with their places. Exit code 2 if there is one."""
     from rigel_k8s.commands import rigelfiles as actions
 
-    results = [actions.check(settings(ctx))]
-    if rigel03:
-        results.append(actions.check_rigel03(settings(ctx)))
-    failed = any(result.errors for result in results)
+    result = actions.check(settings(ctx))
+    failed = bool(result.errors)
     if output == "json":
-        print_json([finding_json(r.source.name, f) for r in results for f in r.findings])
+        print_json([finding_json(result.source.name, finding) for finding in result.findings])
         return 2 if failed else 0
     width = find_width(sys.stdout)
-    for text in dict.fromkeys(text for result in results for text in result.render_findings(width)):
-        click.echo(text)
-    if not failed and not is_quiet(ctx):
-        click.echo(f"{results[0].source.name}: no problems")
+    for finding, text in zip(result.findings, result.render_findings(width), strict=True):
+        color = WARNING if finding.severity == "warning" else "red"
+        head, *snippet = text.splitlines()
+        mark = click.style("warning:", fg=WARNING)
+        click.echo(wrap(head, sys.stdout).replace("warning:", mark, 1))
+        for line in snippet:
+            click.secho(line, fg=color if line.lstrip(" |").startswith("^") else None)
+    if not is_quiet(ctx):
+        click.echo(f"{result.source.name}: {count(len(result.errors), len(result.warnings))}")
     return 2 if failed else 0
+
+
+def count(errors: int, warnings: int) -> str:
+    """Return how many problems a Rigelfile has."""
+    if not errors and not warnings:
+        return "no problems"
+    parts = [plural(errors, "error") if errors else "no errors"]
+    if warnings:
+        parts.insert(0 if not errors else 1, plural(warnings, "warning"))
+    return ", ".join(parts)
 
 
 def finding_json(name: str, finding: object) -> dict[str, object]:

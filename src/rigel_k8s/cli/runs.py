@@ -1,4 +1,4 @@
-"""`rigel run job` and `rigel run sequence`."""
+"""`rigel run`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,13 @@ from rigel_k8s.cli.words import (
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["job", "sequence"]))
-@click.argument("name", shell_complete=complete_runnable)
+@click.argument(
+    "words",
+    nargs=-1,
+    required=True,
+    metavar="[job|sequence] NAME",
+    shell_complete=complete_runnable,
+)
 @click.option(
     "--timeout", type=Timeout(), help="Wait at most this long for a roll-out, for example 5m."
 )
@@ -35,16 +40,26 @@ from rigel_k8s.cli.words import (
 def run(
     ctx: click.Context,
     /,
-    kind: Literal["job", "sequence"],
-    name: str,
+    words: tuple[str, ...],
     timeout: float | None,
     lock_timeout: float | None,
     rollback_on_failure: bool,  # noqa: FBT001 - click passes them by name
     adopt: bool,  # noqa: FBT001
 ) -> None:
-    """Run a job or a sequence of the Rigelfile."""
+    """Run a job or a sequence of the Rigelfile.
+
+    The word before NAME is needed only where a job and a sequence have the same name.
+    """
     from rigel_k8s.commands import run as runs
 
+    kind: Literal["job", "sequence"] | None = None
+    match words:
+        case [name]:
+            pass
+        case ["job" | "sequence" as kind, name]:
+            pass
+        case _:
+            raise click.UsageError("name one job or one sequence", ctx)
     with choose_reporter(ctx) as report:
         chosen = settings(
             ctx,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
+from itertools import zip_longest
 from typing import Any
 
 import attrs
@@ -29,11 +30,19 @@ LEAST = 8
 OPTIONAL = ("IMAGE", "ROS NAME", "AGE", "INTERFACE")
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]], optional: Sequence[str] = ()) -> str:
+def table(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    optional: Sequence[str] = (),
+    colors: Sequence[str | None] = (),
+) -> str:
     """Return rows below heads, in columns as wide as their widest cell.
 
-    In a terminal a row is no longer than a line: the widest columns are narrowed, and where that
-    is not enough, the optional ones are left out, one after the other.
+    In a terminal a row is no longer than a line: the first optional column is left out, then the
+    widest are narrowed, and where that is not enough, the other optional ones are left out.
+
+    Args:
+        colors: of the rows.
     """
     everything = [list(heads), *[list(row) for row in rows]]
     room = find_room(sys.stdout)
@@ -42,7 +51,9 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], optional: Sequenc
             left_out = everything[0].index(str(name))
             everything = [[*row[:left_out], *row[left_out + 1 :]] for row in everything]
         whole = [max(map(len, column)) for column in zip(*everything, strict=True)]
-        least = [max(len(head), LEAST) for head in everything[0]]
+        # A narrowed name cannot be copied: rather than that, do without the first column.
+        first = name is None and bool(optional)
+        least = whole if first else [max(len(head), LEAST) for head in everything[0]]
         widths = narrow(whole, least, room)
         if room is None or line_width(widths) <= room:
             break
@@ -50,7 +61,12 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], optional: Sequenc
         GAP.join(shorten(cell, width).ljust(width) for cell, width in zip(row, widths, strict=True))
         for row in everything
     ]
-    return "\n".join(line.rstrip() for line in lines)
+    lines = [line.rstrip() for line in lines]
+    lines[1:] = [
+        click.style(line, fg=color) if color else line
+        for line, color in zip_longest(lines[1:], colors)
+    ]
+    return "\n".join(lines)
 
 
 def line_width(widths: Sequence[int]) -> int:
@@ -80,12 +96,26 @@ def status_text(
     heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
     if graph is not None:
         heads[5:5] = HEADS
-    rows = [row for workload in found.workloads for row in rows_of(workload, now, graph)]
-    parts = [headline(found), table(heads, rows, OPTIONAL) if rows else "nothing runs"]
+    rows: list[list[str]] = []
+    colors: list[str | None] = []
+    for workload in found.workloads:
+        rows += rows_of(workload, now, graph)
+        colors += [None if workload.ok else WARNING] * (len(rows) - len(colors))
+    parts = [headline(found), table(heads, rows, OPTIONAL, colors) if rows else "nothing runs"]
     lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
     lines += gate_lines(gate, found) if gate is not None else ()
     reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
-    return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
+    wrong = [part for part in (reasons, way_out(found)) if part]
+    return "\n\n".join([*parts, *(wrong or filter(None, [total(found)]))])
+
+
+def total(found: ReleaseStatus) -> str:
+    """Return how many workloads are ready."""
+    ready = sum(workload.ok for workload in found.workloads)
+    text = f"{ready} of {len(found.workloads)} ready"
+    if not found.workloads:
+        return ""
+    return click.style(text, fg="green") if ready == len(found.workloads) else text
 
 
 def headline(found: ReleaseStatus) -> str:

@@ -35,11 +35,12 @@ def shorten(text: str, width: int) -> str:
     return f"{text[:begin]}…{text[len(text) - (width - 1 - begin) :]}"
 
 
-def wrap(text: str, stream: TextIO, indent: int = 0) -> str:
+def wrap(text: str, stream: TextIO, indent: int = 0, margin: str = "") -> str:
     """Return a text for a stream: in a terminal, its lines end between words.
 
     Words longer than a line, such as addresses, stay whole. A command in backquotes stays on one
-    line if it fits. The first line begins in the column `indent`.
+    line if it fits. The first line begins in the column `indent`, the
+    others with the margin.
     """
     room = find_room(stream)
     if room is None:
@@ -55,6 +56,7 @@ def wrap(text: str, stream: TextIO, indent: int = 0) -> str:
 
     lines: list[str] = []
     for line in COMMAND.sub(keep, text).split("\n"):
-        wrapper.initial_indent = "" if lines else " " * indent
+        wrapper.initial_indent = margin if lines else " " * indent
+        wrapper.subsequent_indent = margin
         lines.append(wrapper.fill(line)[0 if lines else indent :])
     return "\n".join(lines).replace(KEPT, " ")

@@ -143,11 +143,19 @@ def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -
 
 
 def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's jobs or sequences, depending on the word before."""
+    """Return the Rigelfile's jobs and sequences, or those of the kind before."""
     from rigel_k8s.commands import rigelfiles
 
-    kind: Any = ctx.params.get("kind") or "job"
-    return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, kind))
+    words = ctx.params.get("words") or ()
+    kinds: list[Any] = list(words[:1]) or ["job", "sequence"]
+    return offer_names(
+        ctx,
+        incomplete,
+        lambda s: [
+            *([] if words else kinds),
+            *(name for kind in kinds for name in rigelfiles.list_runnable(s, kind)),
+        ],
+    )
 
 
 def complete_sequence(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:

@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.targets import Release, job_of, release
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import ConflictError
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
@@ -18,7 +18,7 @@ from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal, together
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
-from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId, Revision, Step
+from rigel_k8s.release.types import DeployOptions, Plan, Revision, Step
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -33,11 +33,17 @@ class Manifests:
 
 @attrs.frozen
 class Difference:
-    """What a job would do to each object, its text ("" if nothing changes), and warnings."""
+    """What a job would do to each object.
+
+    Attributes:
+        text: the changes as a text, "" if nothing changes.
+        conflict: why a deploy without `--adopt` would be refused: others own some of it.
+    """
 
     steps: tuple[Step, ...]
     text: str
     warnings: tuple[str, ...]
+    conflict: ConflictError | None = None
 
 
 def render(settings: Settings, job: str | None, data: Mapping[str, Any] | None = None) -> Manifests:
@@ -65,12 +71,19 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
     warnings = Warnings()
     options = DeployOptions(report=warnings, adopt=settings.adopt)
     with connect(settings) as cluster:
-        looks = together.look_at(target.list_parts(settings, cluster, warnings), cluster, options)
+        parts = target.list_parts(settings, cluster, warnings)
+        conflict = None
+        try:
+            looks = together.look_at(parts, cluster, options)
+        except ConflictError as error:
+            conflict = error
+            looks = together.look_at(parts, cluster, attrs.evolve(options, adopt=True))
     for look in looks:
         for text in look.warnings:
             warnings.warn(text)
     steps = tuple(step for look in looks for step in look.plan.steps)
-    return Difference(steps, difference(steps), (*target.warnings, *warnings.texts))
+    texts = (*target.warnings, *warnings.texts)
+    return Difference(steps, difference(steps), texts, conflict)
 
 
 @attrs.define
@@ -105,7 +118,7 @@ def rollback(
     settings: Settings, job: str | None, number: int | None, report: JobReporter
 ) -> Revision:
     """Deploy an earlier revision's objects again; None is the last good one before the current."""
-    found = release(settings, job)
+    found = release(settings, job, named=True)
     with interruptible() as cancel:
         return roll_back(found, settings, number, report, cancel)
 
@@ -124,23 +137,10 @@ def roll_back(
         return rollbacks.rollback(cluster, found.id, number, options)
 
 
-def down(
-    settings: Settings, job: str | None, report: JobReporter, *, volumes: bool
-) -> tuple[ReleaseId, Plan]:
-    """Delete a release's objects; claims and volumes only if requested.
-
-    Raises:
-        UserError: the release does not exist.
-    """
-    found = release(settings, job)
+def down(found: Release, settings: Settings, report: JobReporter, *, volumes: bool) -> Plan:
+    """Delete a release's objects; claims and volumes only if requested. Closes the connection."""
     with interruptible() as cancel:
-        plan = take_down(found, settings, report, cancel, volumes=volumes)
-    if plan.is_empty:
-        raise UserError(
-            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
-            hint="if it is elsewhere, set -n NAMESPACE or --context NAME",
-        )
-    return found.id, plan
+        return take_down(found, settings, report, cancel, volumes=volumes)
 
 
 def take_down(

@@ -50,6 +50,8 @@ def read_value(text: str) -> Any:
 
 def require(path: Path) -> None:
     """Refuse a path without a Rigelfile."""
+    if path.is_dir():
+        raise UserError(f"{path} is a directory", hint=f"name the file: -f {path / 'Rigelfile'}")
     if not path.is_file():
         raise UserError(
             f"{path} does not exist",
@@ -79,12 +81,6 @@ def check(settings: Settings) -> CheckResult:
     for name in result.rigelfile.sequences:
         found.update(dict.fromkeys(check_sequence(result.rigelfile, name, settings)))
     return attrs.evolve(result, findings=sort_findings(found))
-
-
-def check_rigel03(settings: Settings) -> CheckResult:
-    """Return what Rigel 0.3 would refuse or read differently."""
-    require(settings.rigelfile)
-    return grammar.rigel03(settings.rigelfile, os.environ)
 
 
 def init(path: Path, *, ros: str, force: bool) -> None:

@@ -26,6 +26,7 @@ from rigel_k8s.objects.naming import object_name
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
+from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
@@ -142,7 +143,13 @@ def job_of(
     )
 
 
-def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = ()) -> Release:
+def release(
+    settings: Settings,
+    name: str | None = None,
+    nodes: Sequence[str] = (),
+    *,
+    named: bool = False,
+) -> Release:
     """Return a release, connected.
 
     Args:
@@ -150,16 +157,21 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
             name. None is the one release of the Rigelfile. Of a job's options only the release's
             two names must be known.
         nodes: if the Rigelfile has several releases, choose the one with these nodes.
+        named: without a Rigelfile, the only release of the namespace is not meant: what writes
+            must not do it in a wrong directory.
 
     Raises: as job_of.
     """
     if not settings.rigelfile.exists() and is_default(settings.rigelfile):
-        if name is None:
+        if name is None and named:
             raise UserError(
                 f"{settings.rigelfile} does not exist, and no release is named",
-                hint="list the releases of a namespace with `rigel list`, all with `rigel list -A`",
+                hint="name the release; `rigel list` lists those of a namespace",
             )
-        return name_release(connect(settings), settings, name)
+        cluster = connect(settings)
+        if name is None:
+            return find_only(cluster, settings)
+        return name_release(cluster, settings, name)
     rigelfile = load(settings, patient=True)
     try:
         job = choose_job(rigelfile, settings, name, nodes)
@@ -182,6 +194,20 @@ def find_release(
     """Return the release that is a job's own; None without one."""
     find = getattr(job.type, "release", None)
     return find(options, settings, cluster) if find else None
+
+
+def find_only(cluster: Cluster, settings: Settings) -> Release:
+    """Return the only release of the namespace. Raises UserError if there is none, or several."""
+    namespace = settings.namespace or cluster.namespace
+    names = sorted({one.release.name for one in list_releases(cluster, namespace)})
+    if len(names) == 1:
+        return name_release(cluster, settings, names[0])
+    there = f"there are {', '.join(names)}" if names else "there is none"
+    raise UserError(
+        f"{settings.rigelfile} does not exist, and no release is named: {there} in the namespace"
+        f" {namespace}",
+        hint="name the release, and its namespace with -n; `rigel list -A` lists all",
+    )
 
 
 def is_default(rigelfile: Path) -> bool:

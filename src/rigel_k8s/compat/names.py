@@ -9,7 +9,7 @@ from typing import Any
 
 from rigel_k8s.compat.plugin import JobPlugin
 from rigel_k8s.compat.provider import ConnectionProvider
-from rigel_k8s.jobs.names import Builtin, Kind, index_by_name
+from rigel_k8s.jobs.names import Builtin, Kind, index_by_name, list_installed
 
 BASES = {
     "job": ("rigel.plugins.plugin", "Plugin"),
@@ -28,10 +28,14 @@ def public(name: str) -> Any:
     """
     path = f"rigel_k8s.{name}"
     for kind in ("job", "provider"):
-        builtin = index_by_name(kind).get(path)
+        builtin = index_by_name(kind).get(path) or _find_installed(kind, path)
         if builtin:
             return _adapt_to_rigel(kind, name, builtin) or _load_builtin(builtin)
     raise AttributeError(f"module 'rigel_k8s' has no attribute {name!r}")
+
+
+def _find_installed(kind: Kind, path: str) -> Builtin | None:
+    return next((one for one in list_installed(kind) if path in one.paths), None)
 
 
 def _load_builtin(builtin: Builtin) -> Any:

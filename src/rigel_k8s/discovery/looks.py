@@ -1,4 +1,4 @@
-"""Looks into pods: runs inpod/dds.py in all of them at the same time, and reads its output.
+"""Looks into pods: runs rigel_inpod/dds.py in all of them at the same time, and reads its output.
 
 The runs have to overlap, since a script receives from another only while that one sends: each
 reports when it receives, and ends when it gets a line.
@@ -13,11 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 import attrs
 
-from rigel_inpod import MOUNT_PATH
+from rigel_inpod.sent import LOADER, pack, read_module
 from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
@@ -32,7 +33,9 @@ LONGEST = 32  # seconds after which a script ends without a line
 ANNOUNCERS = 24  # more stand-ins would show nothing new, but every participant answers each
 ROUTER = 7447  # zenoh's port
 SLOW = "its container did not answer in time; its machine may be busy or unreachable"
-SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
+SCRIPT = ("python3", "-S", "-E", "-B", "-c", LOADER)
+#: What is sent, each after those that it imports.
+MODULES = ("container", "rtps", "interfaces", "spdp", "dds_local", "dds_standin", "dds")
 
 
 @attrs.frozen
@@ -135,6 +138,12 @@ def look(
     return {m.pod: seen.get(m.pod) or Observation(why_unseen(m)) for m in found}
 
 
+@cache
+def sent() -> bytes:
+    """Return the script with its modules, as its loader reads them."""
+    return pack([(name, read_module(f"rigel_inpod.{name}")) for name in MODULES])
+
+
 def why_unseen(member: Member) -> str:
     """Return why nothing was run in a pod."""
     if not member.reachable:
@@ -172,6 +181,7 @@ class Look:
         self.late = False  # whether the others began without it
         reading, self.writing = os.pipe()
         self.stdin = os.fdopen(reading, "rb", buffering=0)
+        os.write(self.writing, sent())  # less than a pipe holds
         self.thread = threading.Thread(target=self.work, daemon=True)
         self.thread.start()
 
@@ -235,6 +245,4 @@ class Look:
         if self.code is None:
             return SLOW
         printed = self.errors.getvalue().decode("utf-8", "replace").splitlines() or list(lines)
-        if any("can't open file" in line for line in printed):
-            return "it was deployed by an older version, without this check: deploy it again"
         return f"the check failed in it: {printed[-1]}" if printed else "the check printed nothing"

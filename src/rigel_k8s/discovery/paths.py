@@ -17,7 +17,7 @@ SWITCH = (
     " snooping and no querier (multicast then stops after minutes)"
 )
 SET_NETWORK = (
-    "set `network`: macvlan or ipvlan if the machines share an Ethernet, otherwise peers or"
+    "set `network`: macvlan if the machines share an Ethernet, otherwise peers or"
     " discovery-server, host on a single machine"
 )
 

@@ -15,12 +15,13 @@ from collections.abc import Iterable, Iterator, Mapping
 import attrs
 
 from rigel_k8s.distros import ROS1
+from rigel_k8s.option_text import split_text
 
 DOCKERFILE = "Dockerfile"
 #: Next to the Dockerfile, under the name that Rigel uses.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"
 
-_PYTHON2_DISTROS = ROS1 - {"noetic"}
+_PYTHON2_DISTROS = ROS1.keys() - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
 #: Debian's colcon only recommends the packages that it cannot work without.
 _COLCON_PARTS = (
@@ -142,7 +143,7 @@ def exec_form(command: str | tuple[str, ...]) -> tuple[str, ...]:
         return words
     if _NEEDS_SHELL.search(text):
         return ("bash", "-c", text)
-    return tuple(shlex.split(text))
+    return tuple(split_text(text))
 
 
 def _json_words(text: str) -> tuple[str, ...] | None:

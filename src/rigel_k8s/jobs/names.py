@@ -1,5 +1,7 @@
 """The names that resolve to job types and providers of this package; it imports none of them.
 
+Job types above this package, such as Muto's agent, are installed with it and found by entry points.
+
 Each has a short name, its name for users of Rigel (`rigel_k8s.OrchestrationPlugin`), and the names
 of Rigel's own and of src.plugin that existing Rigelfiles use.
 """
@@ -11,17 +13,16 @@ from typing import Literal, TypeAlias
 
 import attrs
 
+from rigel_k8s.installed import Group, list_entries
+
 Kind: TypeAlias = Literal["job", "provider"]
 
-ENTRY_POINT_GROUPS: Mapping[Kind, str] = {
-    "job": "rigel_k8s.jobs",
-    "provider": "rigel_k8s.providers",
-}
+GROUPS: Mapping[Kind, Group] = {"job": "rigel_k8s.jobs", "provider": "rigel_k8s.providers"}
 
 
 @attrs.frozen
 class Builtin:
-    """A job type or provider of this package.
+    """A job type or provider that is named without its own import path.
 
     Attributes:
         short: its short name.
@@ -71,11 +72,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             "rigel_k8s.jobs.types.observability:ObservabilityJob",
             ("rigel_k8s.ObservabilityPlugin",),
         ),
-        Builtin(
-            "muto-agent",
-            "rigel_muto.job:MutoAgentJob",
-            ("rigel_k8s.MutoAgentPlugin",),
-        ),
     ),
     "provider": (
         Builtin(
@@ -93,3 +89,18 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
 def index_by_name(kind: Kind) -> dict[str, Builtin]:
     """Return this package's job types or providers under each of their names."""
     return {name: builtin for builtin in BUILTIN[kind] for name in builtin.names}
+
+
+def list_installed(kind: Kind) -> tuple[Builtin, ...]:
+    """Return what entry points offer; a name with a dot means the same as the short one."""
+    targets: dict[str, list[str]] = {}
+    for entry in list_entries(GROUPS[kind]):
+        targets.setdefault(entry.value, []).append(entry.name)
+    sorted_names = {target: sorted(names, key=_has_dot) for target, names in targets.items()}
+    return tuple(
+        Builtin(short, target, tuple(paths)) for target, (short, *paths) in sorted_names.items()
+    )
+
+
+def _has_dot(name: str) -> bool:
+    return "." in name

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.installed import broken_error, find
 from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
 from rigel_k8s.jobs.job import JobType, ProviderType
-from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, index_by_name
+from rigel_k8s.jobs.names import BUILTIN, GROUPS, Kind, index_by_name, list_installed
 from rigel_k8s.jobs.validation import looks_like, validate, word
 from rigel_k8s.system.trust import require_trust
 
@@ -44,11 +45,9 @@ def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]
 
 def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
     """Return the short names that work here, each with the import paths that mean the same."""
-    from importlib import metadata  # slow to import, and needed only for the names of others
-
-    names = {builtin.short: builtin.paths for builtin in BUILTIN[kind]}
-    for entry in metadata.entry_points(group=ENTRY_POINT_GROUPS[kind]):
-        names.setdefault(entry.name, ())
+    names = {one.short: one.paths for one in BUILTIN[kind]}
+    for one in list_installed(kind):
+        names.setdefault(one.short, one.paths)
     return names
 
 
@@ -59,7 +58,7 @@ def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
         return getattr(importlib.import_module(module), attribute)()
     places = places_of(directory)
     with places.left_out():
-        found = _entry_point(kind, name)
+        found = find(GROUPS[kind], name)
     return _make_usable(kind, name, found or _class_at(kind, name, places))
 
 
@@ -79,24 +78,6 @@ def _make_usable(kind: Kind, name: str, found: Any) -> Any:
     return found()
 
 
-def _entry_point(kind: Kind, name: str) -> Any:
-    from importlib import metadata
-
-    group = ENTRY_POINT_GROUPS[kind]
-    found = {entry.value: entry for entry in metadata.entry_points(group=group, name=name)}
-    if len(found) > 1:
-        raise UserError(
-            f'two installed packages offer the {word(kind)} "{name}": {", ".join(sorted(found))}',
-            hint="write the import path of the one you mean",
-        )
-    for entry in found.values():
-        try:
-            return entry.load()
-        except Exception as error:
-            raise _broken_error(kind, name, error) from error
-    return None
-
-
 def _class_at(kind: Kind, name: str, places: Places) -> Any:
     """Import `package.module.Class` (or `package.module:Class`)."""
     module_name, _, attribute = name.replace(":", ".").rpartition(".")
@@ -112,7 +93,7 @@ def _class_at(kind: Kind, name: str, places: Places) -> Any:
         try:
             module = importlib.import_module(module_name)
         except Exception as error:
-            raise _broken_error(kind, name, error) from error
+            raise broken_error(word(kind), name, error) from error
     try:
         return getattr(module, attribute)
     except AttributeError:
@@ -125,16 +106,9 @@ def _module_exists(kind: Kind, name: str, module: str) -> bool:
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
             return False
-        raise _broken_error(kind, name, error) from error
+        raise broken_error(word(kind), name, error) from error
     except Exception as error:
-        raise _broken_error(kind, name, error) from error
-
-
-def _broken_error(kind: Kind, name: str, error: Exception) -> UserError:
-    return UserError(
-        f"cannot import {word(kind)} {name}: {type(error).__name__}: {error}",
-        hint="import it in Python to see the whole traceback",
-    )
+        raise broken_error(word(kind), name, error) from error
 
 
 def _missing_class_error(

@@ -47,7 +47,7 @@ def user_credentials(
         text: reads a value that is inline or in a file.
 
     Raises:
-        UserError: the user has an `auth-provider`.
+        UserError: the user has an `auth-provider`, or a value of another type.
         ClusterError: a credential program gives no credentials.
     """
     own = own_credentials(user, cluster, context, text)
@@ -90,10 +90,17 @@ def user_headers(user: Mapping[str, Any]) -> Callable[..., Headers]:
 
 def impersonation(user: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the headers of `as`, `as-uid`, `as-groups` and `as-user-extra`."""
+    groups, extra = user.get("as-groups") or [], user.get("as-user-extra") or {}
+    if not isinstance(groups, list) or not isinstance(extra, dict):
+        raise UserError(
+            "kubeconfig: `as-groups` must be a list, and `as-user-extra` a mapping of lists"
+        )
     headers = [("Impersonate-User", user.get("as")), ("Impersonate-Uid", user.get("as-uid"))]
-    headers += [("Impersonate-Group", group) for group in user.get("as-groups") or []]
-    for key, values in (user.get("as-user-extra") or {}).items():
-        name = f"Impersonate-Extra-{quote(key, safe=HEADER_LETTERS)}"
+    headers += [("Impersonate-Group", group) for group in groups]
+    for key, values in extra.items():
+        if not isinstance(values, list):
+            raise UserError(f"kubeconfig: `as-user-extra`: {key} must be a list")
+        name = f"Impersonate-Extra-{quote(str(key), safe=HEADER_LETTERS)}"
         headers += [(name, value) for value in values]
     return [(name, str(value)) for name, value in headers if value]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import binascii
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -72,20 +72,41 @@ def merge_files(files: Sequence[Path]) -> dict[str, Any]:
         content = parse_file(file)
         whole["current-context"] = whole["current-context"] or content.get("current-context") or ""
         for section in ("clusters", "users", "contexts"):
-            for entry in content.get(section) or []:
-                value = absolute(entry.get(section[:-1]) or {}, file.parent)
-                whole[section].setdefault(entry.get("name", ""), value)
+            for name, entry in list_entries(content, section, file):
+                whole[section].setdefault(name, absolute(entry, file.parent))
     return whole
+
+
+def list_entries(
+    content: Mapping[str, Any], section: str, file: Path
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the entries of a section with their names.
+
+    Raises:
+        UserError: the section has another form.
+    """
+    items = content.get(section) or []
+    for item in items if isinstance(items, list) else [items]:
+        entry = item.get(section[:-1]) or {} if isinstance(item, dict) else None
+        if not isinstance(items, list) or not isinstance(entry, dict):
+            raise UserError(
+                f"kubeconfig {file}: `{section}` must be a list of"
+                f" {{name: NAME, {section[:-1]}: {{...}}}}",
+                hint="check that it is the right file",
+            )
+        yield str(item.get("name", "")), entry
 
 
 def parse_file(file: Path) -> dict[str, Any]:
     """Return one file's content."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        content = yaml.load(file.read_text(), Loader=loader)
+        if file.is_fifo():  # it may never be written to
+            raise UserError(f"kubeconfig {file} is a pipe", hint="write it to a file")
+        content = yaml.load(file.read_text("utf-8"), Loader=loader)
     except OSError as error:
         raise UserError(f"cannot read kubeconfig {file}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise UserError(
             f"kubeconfig {file} is not YAML", details=str(error).splitlines()
         ) from error
@@ -98,7 +119,7 @@ def parse_file(file: Path) -> dict[str, Any]:
 
 def absolute(entry: dict[str, Any], base: Path) -> dict[str, Any]:
     """Return an entry with absolute paths; they are relative to the directory of its file."""
-    paths: dict[str, Any] = {key: str(base / entry[key]) for key in PATHS if entry.get(key)}
+    paths: dict[str, Any] = {key: str(base / str(entry[key])) for key in PATHS if entry.get(key)}
     plugin = entry.get("exec")
     command = plugin.get("command") if isinstance(plugin, dict) else None
     if isinstance(command, str) and os.sep in command:
@@ -123,8 +144,8 @@ def choose_context(config: Mapping[str, Any], context: str | None, files: Sequen
 def from_context(config: Mapping[str, Any], name: str) -> Target:
     """Return the target of one context."""
     context = config["contexts"][name]
-    cluster = config["clusters"].get(context.get("cluster"))
-    user = config["users"].get(context.get("user"), {})
+    cluster = config["clusters"].get(str(context.get("cluster")))
+    user = config["users"].get(str(context.get("user")), {})
     if not cluster or not cluster.get("server"):
         raise UserError(
             f"context {name} names the cluster {context.get('cluster')!r}, which has no server",
@@ -133,11 +154,11 @@ def from_context(config: Mapping[str, Any], name: str) -> Target:
     return Target(
         server=without_user(str(cluster["server"]).rstrip("/")),
         context=name,
-        namespace=context.get("namespace") or "default",
+        namespace=str(context.get("namespace") or "default"),
         authority=inline_or_file(cluster, "certificate-authority"),
         insecure=bool(cluster.get("insecure-skip-tls-verify")),
-        server_name=cluster.get("tls-server-name") or "",
-        proxy=cluster.get("proxy-url") or "",
+        server_name=str(cluster.get("tls-server-name") or ""),
+        proxy=str(cluster.get("proxy-url") or ""),
         credentials=partial(user_credentials, user, cluster, name, inline_or_file),
     )
 

@@ -75,8 +75,6 @@ def explain_unused(network: Network) -> str | None:
             "the existing attachment decides about addresses; this has an effect only with"
             " `ipam: static`"
         )
-    if network.ipam == "dhcp":
-        return "with `ipam: dhcp` the network's DHCP server decides this: leave it out"
     return None
 
 

@@ -12,9 +12,7 @@ from rigel_k8s.objects.podoptions import Machines
 from rigel_k8s.objects.scalars import Count, DottedName, ImageRef, MountPath, Servers
 
 #: The names of the modes; modes/ has one module each.
-ModeName = Literal[
-    "macvlan", "ipvlan", "attachment", "peers", "discovery-server", "zenoh", "host", "none"
-]
+ModeName = Literal["macvlan", "attachment", "peers", "discovery-server", "zenoh", "host", "none"]
 
 #: The second network's interface in a pod, as Multus names it.
 INTERFACE = "net1"
@@ -44,9 +42,6 @@ class Install:
     plugins_image: ImageRef | None = option(
         "an image with the standard CNI programs in /opt/cni/bin, for machines without macvlan"
     )
-    dhcp: bool | None = option(
-        "run the DHCP daemon of CNI on each machine (default: if `ipam` is dhcp)"
-    )
 
 
 @attrs.frozen(kw_only=True)
@@ -54,18 +49,17 @@ class Network:
     """How pods reach and discover each other."""
 
     mode: ModeName = option(
-        "macvlan, ipvlan or attachment: a second interface by Multus; peers, discovery-server or"
-        " zenoh: over the pod network; host: the machine's own network; none: nothing is done",
+        "macvlan or attachment: a second interface by Multus; peers, discovery-server or zenoh:"
+        " over the pod network; host: the machine's own network; none: nothing is done",
         "macvlan",
     )
     interface: str | None = option(
-        "macvlan and ipvlan: the machines' interface, such as eth0; host: the only one that DDS"
-        " uses"
+        "macvlan: the machines' interface, such as eth0; host: the only one that DDS uses"
     )
     subnet: str | None = option("the second network's addresses, such as 10.20.0.0/24")
-    ipam: Literal["whereabouts", "static", "host-local", "dhcp"] | None = option(
+    ipam: Literal["whereabouts", "static", "host-local"] | None = option(
         "who gives out addresses: whereabouts (the default), static (`rigel`, one for each"
-        " workload, which keeps it), host-local (one machine only), dhcp (that network's server)"
+        " workload, which keeps it), host-local (one machine only)"
     )
     range_start: str | None = option("the first address to give out")
     range_end: str | None = option("the last address to give out")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from rigel_k8s.option_text import text_of
+from rigel_k8s.option_text import split_text, text_of
 
 MOST = 6  # names in a line; `rigel status -o json` prints all
 
 
 def split_words(command: str | Sequence[Any]) -> list[str]:
     """Return a command line as a list; text is split as a shell splits it (ValueError)."""
-    return shlex.split(command) if isinstance(command, str) else [text_of(w) for w in command]
+    return split_text(command) if isinstance(command, str) else [text_of(w) for w in command]
 
 
 def join_words(names: Iterable[str]) -> str:

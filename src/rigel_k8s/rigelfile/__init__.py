@@ -17,7 +17,6 @@ from rigel_k8s.rigelfile.options import (
     render_node,
 )
 from rigel_k8s.rigelfile.reference import reference
-from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 from rigel_k8s.rigelfile.starter import STARTERS
@@ -50,7 +49,6 @@ __all__ = [
     "reference",
     "render",
     "render_node",
-    "rigel03",
     "schema",
     "strip_places",
     "structure",

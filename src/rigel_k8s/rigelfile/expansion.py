@@ -1,18 +1,21 @@
-"""Options that import the content of other files: the interface, not the content.
+"""Keys of an option class that another installed package adds, such as Muto's stacks.
 
-An option class may have a static method `expand(node, surroundings) -> Expanded`. It returns the
-options with the other file's content in place of the key that names it. The values keep their
-places in that file (`YamlNode.source`), so that a problem with one of them is reported there.
+Such a key stands for the content of another file: before anything else reads the options, it is
+replaced by values that keep their places in that file (`YamlNode.source`), so that a problem with
+one of them is reported there. The class has `extended_by`, the group of entry points with its
+keys; each leads to an Extension.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
 import attrs
 
+from rigel_k8s.installed import find, list_names
+from rigel_k8s.rigelfile.fields import Field, fields_by_key
 from rigel_k8s.rigelfile.findings import Finding
 from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import YamlNode
@@ -49,10 +52,39 @@ class Expanded:
     findings: tuple[Finding, ...] = ()
 
 
+@attrs.frozen
+class Extension:
+    """A key that a package adds to an option class.
+
+    Attributes:
+        field: what a user may write for it.
+        expand: returns the options without the key, with what it stands for in its place.
+    """
+
+    field: Field
+    expand: Callable[[YamlNode, Surroundings], Expanded]
+
+
 def expand(node: YamlNode, options: Any, surroundings: Surroundings) -> Expanded:
-    """Return options as their class expands them; unchanged if it does not."""
-    own = getattr(options, "expand", None)
-    if own is None or not isinstance(node.value, dict):
+    """Return options with the keys of other packages replaced; unchanged without such a key.
+
+    Raises:
+        UserError: a package that adds a key cannot be imported.
+    """
+    group = getattr(options, "extended_by", None)
+    if group is None or not isinstance(node.value, dict):
         return Expanded(node)
-    expanded: Expanded = own(node, surroundings)
-    return expanded
+    unknown = node.value.keys() - fields_by_key(options).keys()
+    findings: list[Finding] = []
+    for key in sorted(unknown & list_names(group)) if unknown else ():
+        extension: Extension = find(group, key)
+        expanded = extension.expand(node, surroundings)
+        node = expanded.node
+        findings += expanded.findings
+    return Expanded(node, tuple(findings))
+
+
+def list_added_fields(cls: Any) -> tuple[Field, ...]:
+    """Return the keys that installed packages add to an option class."""
+    group = getattr(cls, "extended_by", None)
+    return tuple(find(group, name).field for name in sorted(list_names(group))) if group else ()

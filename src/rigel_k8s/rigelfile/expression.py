@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import attrs
-import regex
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
 
 from rigel_k8s.rigelfile.findings import find_nearest
-from rigel_k8s.rigelfile.sandbox import MOST_BITS, Meter, environment, run
+from rigel_k8s.rigelfile.limits import MOST_BITS
+from rigel_k8s.rigelfile.sandbox import Budget, environment, run
 
 _REFERENCE = re.compile(
     r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
@@ -32,13 +32,12 @@ _FAILURES = (
     ArithmeticError,
     AttributeError,
     LookupError,
-    MemoryError,
     NameError,
     RecursionError,
     SyntaxError,
     TypeError,
     ValueError,
-    regex.error,
+    re.error,
 )
 
 
@@ -91,23 +90,26 @@ def make_undefined(reference: Reference) -> Any:
     return StrictUndefined(name=f"{reference.header}.{reference.name}")
 
 
-def evaluate(source: str, values: Mapping[Reference, Any], meter: Meter) -> Any:
+def evaluate(source: str, values: Mapping[Reference, Any], budget: Budget) -> Any:
     """Return what the expression gives, as plain data.
 
     Args:
-        meter: the work that the expressions of the file may still do.
+        budget: the time that the expressions of the file may still take.
 
     Raises:
         ExpressionError: it is not an expression, cannot be computed, or would make too much.
+        TooLong: it takes more time.
     """
     text, context = _rewrite(source, values)
     try:
-        return _data(run(text, context, meter), source)
+        return _data(run(text, context, budget), source)
     except TemplateSyntaxError as error:
         raise ExpressionError(_syntax(error, source)) from error
     except UndefinedError as error:
         message = f"in {source}: {error.message}{_hint(str(error))}"
         raise ExpressionError(message, undefined=True) from error
+    except MemoryError as error:
+        raise ExpressionError(f"{source} needs too much memory") from error
     except _FAILURES as error:
         raise ExpressionError(f"in {source}: {error}") from error
 

@@ -21,10 +21,12 @@ MOST_TEXT = 2**22
 LONGEST_NUMBER = 400
 #: Characters of an expression.
 LONGEST_EXPRESSION = 1000
-#: What all expressions of a file may read and make, in characters and entries of lists.
-MOST_WORK = 2_000_000
-#: Seconds that all their regular expressions may take.
-REGEX_SECONDS = 0.25
+#: Seconds of the processor that all expressions of a file may take.
+EXPRESSION_SECONDS = 2.0
+#: Bytes of memory that one expression may take.
+MOST_MEMORY = 2**28
+#: Bits of a whole number: 1,234 digits.
+MOST_BITS = 4096
 #: Combinations of one matrix.
 MOST_COMBINATIONS = 1000
 #: Values that a check may process: those of each job, for each use and each combination.

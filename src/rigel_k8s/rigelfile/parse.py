@@ -19,6 +19,7 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CONSTRUCT = yaml.constructor.SafeConstructor()
 _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
+_COLLECTION_TAGS = frozenset({f"{_TAG}map", f"{_TAG}seq"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
 #: Each key or value except the first comes after one of these.
@@ -168,6 +169,8 @@ class _Reader:
 
     def _make(self, item: yaml.Node) -> YamlNode:
         span = _span(item.start_mark, item.end_mark)
+        if isinstance(item, yaml.CollectionNode) and item.tag not in _COLLECTION_TAGS:
+            return self._refuse(item, f"the tag {item.tag} is not supported: remove it")
         if isinstance(item, yaml.MappingNode):
             bare = _explain_bare_template(item)
             return self._refuse(item, bare) if bare else YamlNode(self._mapping(item), span)

@@ -9,6 +9,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
     describe_type,
@@ -48,7 +49,7 @@ def name_types(classes: Iterable[Any]) -> dict[str, str]:
     """
     options = [cls for cls in classes if attrs.has(cls)]
     options += [inner for cls in options for _, inner in _find_inner(cls, "", {cls})]
-    uses = Counter(describe_type(field.type) for cls in options for field in fields_of(cls))
+    uses = Counter(describe_type(field.type) for cls in options for field in _fields(cls))
     names = {text: EXPLANATION.split(text, maxsplit=1)[0] for text in uses}
     types = Counter(names.values())
     return {
@@ -56,6 +57,10 @@ def name_types(classes: Iterable[Any]) -> dict[str, str]:
         for text, name in names.items()
         if uses[text] > 1 and types[name] == 1 and name != text and "one of " not in text
     }
+
+
+def _fields(cls: type[Any]) -> tuple[Field, ...]:
+    return (*fields_of(cls), *list_added_fields(cls))
 
 
 def _component(names: tuple[str, ...], cls: Any, types: Mapping[str, str]) -> Iterator[str]:
@@ -77,7 +82,7 @@ def _find_inner(
     cls: type[Any], prefix: str, seen: set[type[Any]]
 ) -> Iterator[tuple[str, type[Any]]]:
     """Yield the classes of values below a class, each once, with the path to the first use."""
-    for field in fields_of(cls):
+    for field in _fields(cls):
         for path, kind in _classes(field.type, f"{prefix}{field.key}"):
             if kind not in seen:
                 seen.add(kind)
@@ -97,7 +102,7 @@ def _classes(kind: Any, path: str) -> Iterator[tuple[str, type[Any]]]:
 
 def _table(cls: type[Any], types: Mapping[str, str]) -> str:
     head = ["| key | value | default | meaning |", "|---|---|---|---|"]
-    rows = [*head, *(_row(field, types) for field in fields_of(cls))]
+    rows = [*head, *(_row(field, types) for field in _fields(cls))]
     text = summary(cls)
     return "\n".join([*([f"{text}\n"] if text else []), *rows, ""])
 

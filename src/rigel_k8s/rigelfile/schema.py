@@ -11,6 +11,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.rigelfile import forms
+from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
     choices,
@@ -138,7 +139,7 @@ class _Definitions:
         return self._names[cls]
 
     def _object(self, cls: type[Any]) -> Schema:
-        fields = fields_of(cls)
+        fields = (*fields_of(cls), *list_added_fields(cls))
         made: Schema = {
             "type": "object",
             "description": summary(cls),

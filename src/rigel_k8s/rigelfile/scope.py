@@ -278,6 +278,7 @@ class Scope:
         if not piece.source:
             raise _Wrong("an empty template: write {{ vars.NAME }}")
         from rigel_k8s.rigelfile import expression
+        from rigel_k8s.rigelfile.sandbox import TooLong
 
         values: dict[expression.Reference, Any] = {}
         found: list[YamlNode] = []
@@ -295,9 +296,13 @@ class Scope:
         if any(value.has_hole() for value in found):
             raise _Waits
         try:
-            result = expression.evaluate(piece.source, values, self._spent.meter)
+            result = expression.evaluate(piece.source, values, self._spent.budget)
+        except TooLong:
+            message = "the expressions of this file take too long; the check stopped at this one"
+            self._spent.refuse(node, message)
         except expression.ExpressionError as error:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
+        self._spent.add_text(node, _count_text(result))
         return add_origin(_make_node(result, node, piece.source), found)
 
     def _is_known(self, header: str, name: str) -> bool:
@@ -318,6 +323,15 @@ def _walk(data: Mapping[str, Any], name: str) -> Any:
             raise LookupError(name)
         found = found[step]
     return found
+
+
+def _count_text(value: Any) -> int:
+    """Return the characters of all texts in plain data."""
+    if isinstance(value, dict):
+        return sum(map(_count_text, (*value, *value.values())))
+    if isinstance(value, list):
+        return sum(map(_count_text, value))
+    return len(value) if isinstance(value, str) else 0
 
 
 def _make_node(value: Any, node: YamlNode, what: str) -> YamlNode:

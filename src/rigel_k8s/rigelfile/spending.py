@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import attrs
 
@@ -21,7 +21,7 @@ from rigel_k8s.rigelfile.limits import (
 from rigel_k8s.rigelfile.source import Source, YamlNode
 
 if TYPE_CHECKING:
-    from rigel_k8s.rigelfile.sandbox import Meter
+    from rigel_k8s.rigelfile.sandbox import Budget
 
 KIND = "too-large"
 
@@ -46,29 +46,29 @@ class Spending:
     values: int = 0
     text: int = 0
     looked_at: int = 0
-    _meter: Meter | None = None
+    _budget: Budget | None = None
 
     @property
-    def meter(self) -> Meter:
-        """What expressions may still do."""
-        from rigel_k8s.rigelfile.sandbox import Meter
+    def budget(self) -> Budget:
+        """The time that expressions may still take."""
+        from rigel_k8s.rigelfile.sandbox import Budget
 
-        self._meter = self._meter or Meter()
-        return self._meter
+        self._budget = self._budget or Budget()
+        return self._budget
 
     def add_values(self, use: YamlNode, made: YamlNode) -> None:
         """Count the values that a template at `use` gives."""
         self.values += count(made, MOST_VALUES)
         if self.values > MOST_VALUES:
-            self._refuse(use, f"templates make more than {MOST_VALUES} values in this file")
+            self.refuse(use, f"templates make more than {MOST_VALUES} values in this file")
 
     def add_text(self, use: YamlNode, length: int) -> None:
         """Count the characters that templates at `use` give."""
         self.text += length
         if length > LONGEST_TEXT:
-            self._refuse(use, f"templates make a text of more than {LONGEST_TEXT} characters")
+            self.refuse(use, f"templates make a text of more than {LONGEST_TEXT} characters")
         if self.text > MOST_TEXT:
-            self._refuse(use, f"templates make more than {MOST_TEXT} characters in this file")
+            self.refuse(use, f"templates make more than {MOST_TEXT} characters in this file")
 
     def add_look(self, options: YamlNode) -> None:
         """Count the options of a job or provider, which are about to be checked."""
@@ -78,9 +78,10 @@ class Spending:
                 f"jobs, their uses and the combinations of matrices make more than"
                 f" {MOST_LOOKED_AT} values to check: split this file"
             )
-            self._refuse(options, message)
+            self.refuse(options, message)
 
-    def _refuse(self, node: YamlNode, message: str) -> None:
+    def refuse(self, node: YamlNode, message: str) -> NoReturn:
+        """End the check of this file, with one error at a node."""
         raise TooLarge(self.source, make_finding(node, message, KIND))
 
 

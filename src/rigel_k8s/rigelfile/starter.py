@@ -91,11 +91,11 @@ ROS1 = {
 }
 ROS2 = {
     "status": "what runs where, who has discovered whom, and what is wrong",
-    "distro": "jazzy",
+    "distro": "lyrical",
     "workspace": "colcon",
     "run": "ros2, run",
     "package": "demo_nodes_cpp",
-    "apt": "ros-jazzy-demo-nodes-cpp",
+    "apt": "ros-lyrical-demo-nodes-cpp",
     "rate": "10.0",
     "deploys": """\
   # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they

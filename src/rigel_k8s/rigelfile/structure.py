@@ -15,6 +15,8 @@ import attrs
 
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile.ended import find_replacement
+from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
     describe_type,
@@ -214,7 +216,7 @@ class _Structurer:
             return self._report_mismatch(mismatch(node, cls), path)
         fields = fields_of(cls)
         known = fields_by_key(cls)
-        guessed = set(self._report_unknown_keys(node, known, path))
+        guessed = set(self._report_unknown_keys(node, cls, path))
         values: dict[str, Any] = {}
         unknown = False
         for key, child in node.value.items():
@@ -235,9 +237,10 @@ class _Structurer:
         return _UNKNOWN if unknown or absent else self._built(cls, values, path)
 
     def _report_unknown_keys(
-        self, node: YamlNode, known: Mapping[str, Field], path: Path
+        self, node: YamlNode, cls: type[Any], path: Path
     ) -> Iterator[str | None]:
         """Report unknown keys; yield the similar key, None for a key that waits for data."""
+        known = fields_by_key(cls)
         for key in node.value:
             if key in known:
                 continue
@@ -245,8 +248,13 @@ class _Structurer:
             if has_template(key):
                 yield None
                 continue
-            absent = [name for name in known if name not in node.value]
+            if replacement := find_replacement((*path, key)):
+                message = f'the option "{key}" ended: {replacement}'
+                self.problems.append(Problem((*path, key), message, "ended", at_key=True))
+                continue
             few = len(self.problems) < MOST_SUGGESTIONS  # the search for a similar key takes long
+            absent = [name for name in known if name not in node.value]
+            absent += [field.key for field in list_added_fields(cls)] if few else []
             if few and (owner := _find_owner(key, known)):
                 message = f'unknown key "{key}", it is an option of each entry of "{owner}"'
                 self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
@@ -319,6 +327,9 @@ class _Structurer:
         try:
             return scalar(node, kind)
         except Mismatch as found:
+            if replacement := find_replacement((*path, str(node.value))):
+                message = f'the value "{node.value}" ended: {replacement}'
+                return self._report(path, message, "ended")
             return self._report_mismatch(found, path)
 
     def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:

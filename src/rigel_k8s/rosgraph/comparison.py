@@ -24,7 +24,8 @@ GENERATED = re.compile(r"(_\d+_\d{10,}|_(?=[a-f]*\d)[0-9a-f]{8,})(?=/|$)")
 #: `ros2 launch`, and tools by the names that they make at start (a deployed one has its own).
 TOOLS = re.compile(
     r"/(.*/)?(_[^/]*|ros_exporter\w*|launch_ros_\d+"
-    r"|(ros(topic|service|node|param|launch|bag)|record|play|rviz|rqt\w*)_\d{3,}(_\d+)*)"
+    r"|(ros(topic|service|node|param|launch|bag)|record|play|rviz|rqt\w*)"
+    r"_(\d{3,}|\d+_\d{10,})(_\d+)*)"
 )
 #: The last part of services that each node has, for its parameters and its log, and of those whose
 #: name differs in each pod of a lifecycle node that hands over.

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
-from datetime import datetime, timezone
+from collections.abc import Callable
 from typing import Any
 
-from rigel_k8s.commands.rosgraph import LiveGraph, look, picture_of
+from rigel_k8s.commands.rosgraph import LiveGraph, look
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.errors import ClusterError, RigelK8sError
-from rigel_k8s.kube.failures import Refusal
-from rigel_k8s.objects.facts import is_ending, stays_ready
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
@@ -26,22 +24,18 @@ from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
 from rigel_k8s.release.status import KINDS, ReleaseStatus, describe_release
-from rigel_k8s.rosgraph.drawing.picture import Picture
-from rigel_k8s.rosgraph.types import RosGraph
-from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
+from rigel_k8s.ui.contact import Contact
 from rigel_k8s.ui.feed import Feed
+from rigel_k8s.ui.graphs import GraphReader
 from rigel_k8s.ui.history import History
-from rigel_k8s.ui.nodes import READY, STOPPED, node_entry, release_entry
+from rigel_k8s.ui.nodes import node_entry, release_entry
+from rigel_k8s.ui.times import write_now
 
 SECRET: Kind = ("v1", "Secret")
 LEASE: Kind = ("coordination.k8s.io/v1", "Lease")
 SESSION = 3600.0  # seconds that watches live before they begin again
-HEARTBEAT = 3.0  # seconds between two requests that test whether the cluster answers
-LATE = 10.0  # seconds without an answer after which it counts as unreachable
 PAUSE = 2.0  # seconds before the next session, if the cluster has refused one
 CALM = 0.1  # seconds in which changes are collected before pages get them
-GRAPH_CALM = 1.5  # seconds after a change of pods before the ROS graph is read
-GRAPH_AGE = 30.0  # seconds after which it is read again while a page is open
 
 
 class Live:
@@ -60,20 +54,19 @@ class Live:
         report: Callable[[str], None],
         read: Callable[[Release], LiveGraph] = look,
     ) -> None:
-        self.found, self.feed, self.report = found, feed, report
-        self.over = threading.Event()
-        self._lost = threading.Event()
-        self._answered = 0.0
+        self.found, self.feed = found, feed
+        self._over = threading.Event()
+        self._contact = Contact(found.cluster, report, self._publish_trouble)
+        self._graph = GraphReader(feed, lambda: read(found))
         self._crashes = CrashLog()
         self._history = History()
         self._lease: tuple[str, float] = ("", 0.0)
         self._nodes: dict[str, Any] = {}
-        self._graph = GraphReader(self, read)
         self._threads = [
             threading.Thread(target=target, name=f"rigel-ui-{name}", daemon=True)
             for name, target in (
                 ("watch", self._watch),
-                ("heartbeat", self._listen),
+                ("contact", self._contact.run),
                 ("graph", self._graph.run),
             )
         ]
@@ -85,51 +78,9 @@ class Live:
 
     def close(self) -> None:
         """End all threads, without waiting for the answers to their requests."""
-        self.over.set()
-        self._lost.set()
-        self._graph.wake()
-
-    # Whether the cluster answers.
-
-    def _listen(self) -> None:
-        """Start to ask the cluster, and note its loss if it does not answer for LATE seconds."""
-        threading.Thread(target=self._ask, name="rigel-ui-ask", daemon=True).start()
-        while not self.over.is_set():
-            if self._answered and time.monotonic() - self._answered > LATE:
-                self._lose(f"the cluster at {self.found.cluster.server} does not answer")
-            self.over.wait(1.0)
-
-    def _ask(self) -> None:
-        self._answered = time.monotonic()
-        while not self.over.is_set():
-            try:
-                self.found.cluster.server_version()
-            except Refusal as error:
-                # A refusal is an answer as well: the user has no right to read the version.
-                if error.status == 0 or error.status >= 500:
-                    self._lose(error.message)
-                else:
-                    self._find()
-            except RigelK8sError as error:
-                self._lose(error.message)
-            else:
-                self._find()
-            self.over.wait(HEARTBEAT)
-
-    def _find(self) -> None:
-        """Note that the cluster answers."""
-        self._answered = time.monotonic()
-        if self._lost.is_set() and not self.over.is_set():
-            self._lost.clear()
-            self.report("the cluster answers again")
-
-    def _lose(self, message: str) -> None:
-        """Note that the cluster does not answer; the session ends."""
-        if self._lost.is_set():
-            return
-        self._lost.set()
-        self.report(f"{message}; waiting for it")
-        self._publish_trouble(message)
+        self._over.set()
+        self._contact.close()
+        self._graph.close()
 
     def _publish_trouble(self, message: str) -> None:
         """Publish what keeps pages from being up to date, "" for nothing."""
@@ -154,9 +105,9 @@ class Live:
 
     def _watch(self) -> None:
         self._publish_trouble("connecting to the cluster")
-        while not self.over.is_set():
-            if self._lost.is_set():
-                self.over.wait(0.2)
+        while not self._over.is_set():
+            if self._contact.lost.is_set():
+                self._over.wait(0.2)
                 continue
             try:
                 helpful = HELPFUL | {SECRET, LEASE}
@@ -166,7 +117,7 @@ class Live:
                     self._follow(view)
             except ClusterError as error:
                 self._publish_trouble(error.message + (f" ({error.hint})" if error.hint else ""))
-                self.over.wait(PAUSE)
+                self._over.wait(PAUSE)
             except Exception as error:  # a page that stands still must not look live
                 self._publish_trouble(
                     f"this page is no longer updated: {error!r}; start rigel ui again"
@@ -183,7 +134,7 @@ class Live:
         view.watch([LEASE], fields=f"metadata.name={lease_ref(release).name}")
         end = time.monotonic() + SESSION
         shown = 0.0
-        while not self._lost.is_set() and time.monotonic() < end:
+        while not self._contact.lost.is_set() and time.monotonic() < end:
             fresh = view.refresh(1.0)
             now = time.monotonic()
             if not view.complete or not (fresh or self._is_due(shown, now)):
@@ -191,7 +142,7 @@ class Live:
             self._publish_trouble("")
             self._show(view, now)
             shown = now
-            self.over.wait(CALM)
+            self._over.wait(CALM)
 
     def _is_due(self, shown: float, now: float) -> bool:
         """Whether time alone has changed something since: a crash, a Lease that is not renewed."""
@@ -224,8 +175,7 @@ class Live:
         self.feed.publish("release", {"release": whole})
         if not hidden:
             self.feed.publish("revision", self._history.make_entries(records))
-        self._graph.see(view.objects[POD].values())
-        self.draw()
+        self._graph.show(self._nodes, view.objects[POD].values())
 
     def _describe(
         self,
@@ -283,85 +233,3 @@ class Live:
         if renewed != self._lease[0]:
             self._lease = (renewed, now)
         return holder(lease) if now - self._lease[1] < DURATION else ""
-
-    # The ROS graph.
-
-    def draw(self) -> None:
-        """Publish boxes and topics, from the nodes and the graph that was read last."""
-        read = self._graph.found
-        graph = read.graph if read else None
-        picture = picture_of(read) if read else None
-        boxes = make_boxes(self._nodes, graph, picture)
-        self.feed.publish("box", boxes)
-        if graph is not None and picture is not None:
-            self._draw_topics(graph, picture)
-        text = describe(boxes, self.feed.list_group("topic"))
-        self.feed.publish("dot", {"dot": {"text": text}})
-
-    def _draw_topics(self, graph: RosGraph, picture: Picture) -> None:
-        present = {
-            name for topic in graph.topics for name in (*topic.publishers, *topic.subscribers)
-        }
-        away = {
-            node["name"]
-            for node in self._nodes.values()
-            if node["state"] not in (READY, STOPPED) or node["name"] not in present
-        }
-        topics = keep_lost(self.feed.list_group("topic"), make_topics(graph, picture), away)
-        self.feed.publish("topic", topics)
-
-
-class GraphReader:
-    """Reads the ROS graph when pods have changed, and now and then while a page is open."""
-
-    def __init__(self, live: Live, read: Callable[[Release], LiveGraph]) -> None:
-        self._live, self._look = live, read
-        self._wake = threading.Event()
-        self._pods: frozenset[tuple[str, bool]] | None = None
-        self._due = 0.0
-        self.found: LiveGraph | None = None
-
-    def see(self, pods: Any) -> None:
-        """Take in the pods: if others are ready than before, the graph has changed."""
-        ready = frozenset((pod["metadata"]["uid"], stays_ready(pod)) for pod in pods)
-        if ready != self._pods:
-            self._pods = ready
-            self._due = time.monotonic() + GRAPH_CALM
-            self.wake()
-
-    def wake(self) -> None:
-        """Look whether there is something to do."""
-        self._wake.set()
-
-    def run(self) -> None:
-        """Read until the end."""
-        read = 0.0
-        while not self._live.over.is_set():
-            due = self._due
-            self._wake.wait(max(0.02, due - time.monotonic()) if due else 1.0)
-            self._wake.clear()
-            now = time.monotonic()
-            old = self._live.feed.watched and now - read > GRAPH_AGE
-            if self._pods and ((self._due and now >= self._due) or old):
-                self._due = 0.0
-                self._read()
-                read = time.monotonic()
-
-    def _read(self) -> None:
-        state: dict[str, Any] = {"message": "", "read": write_now()}
-        try:
-            self.found = self._look(self._live.found)
-        except RigelK8sError as error:
-            old: Mapping[str, Any] = self._live.feed.get("graph") or {}
-            state = {"message": error.message, "read": old.get("read", "")}
-        else:
-            problems = [problem.to_json() for problem in self.found.problems]
-            self._live.feed.publish("problems", {"problems": problems})
-            self._live.draw()
-        if not self._live.over.is_set():
-            self._live.feed.publish("graph", {"graph": state})
-
-
-def write_now() -> str:
-    """Return the present time as Kubernetes writes it."""
-    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -18,9 +18,7 @@ import pytest
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
-from rigel_lab.cluster import components
 from rigel_lab.cluster.api import mark_lost
-from rigel_lab.cluster.network import bridge_name
 from rigel_lab.cluster.state import find
 from tests.support import until as waiting
 from tests.support.recorder import Recorder
@@ -239,50 +237,6 @@ def own_lab(own: Own) -> Iterator[Lab]:
     wait_for_account(own.cluster, name)
     yield Lab(own.cluster, name)
     own.cluster.delete(ObjectRef("v1", "Namespace", "", name))
-
-
-@attrs.frozen
-class Leases:
-    """A DHCP server on a local cluster's segment, and its file."""
-
-    file: Path
-    busybox: str
-    subnet: str = "10.213.16"
-
-    def there(self) -> set[str]:
-        """Return the addresses that it has given out and not taken back."""
-        words = [self.busybox, "dumpleases", "-d", "-f", str(self.file)]
-
-        def look() -> list[str]:  # nothing while the server writes the file
-            done = subprocess.run(words, check=False, capture_output=True, text=True)
-            return done.stdout.splitlines() if done.returncode == 0 else []
-
-        rows = [line.split() for line in until(look, "readable leases")[1:]]
-        return {row[1] for row in rows if row[-1] != "expired"}
-
-
-@pytest.fixture
-def leases(own: Own, tmp_path: Path) -> Iterator[Leases]:
-    """A DHCP server (busybox') on the segment of the machines, with leases of 20 s."""
-    place, link = f"dhcp-{os.getpid()}", f"dhcp{os.getpid()}"
-    found = Leases(tmp_path / "leases", components.obtain(print).program("busybox"))
-    network = found.subnet
-    (tmp_path / "udhcpd.conf").write_text(
-        f"interface eth0\nstart {network}.50\nend {network}.99\nauto_time 1\nmin_lease 10\n"
-        f"lease_file {found.file}\npidfile {tmp_path / 'pid'}\n"
-        "option subnet 255.255.255.0\noption lease 20\n"
-    )
-    run("ip", "netns", "add", place)
-    run("ip", "link", "add", link, "type", "veth", "peer", "name", "eth0", "netns", place)
-    run("ip", "link", "set", link, "master", bridge_name(own.name), "up")
-    run("ip", "-n", place, "addr", "add", f"{network}.1/24", "dev", "eth0")
-    run("ip", "-n", place, "link", "set", "eth0", "up")
-    found.file.touch()
-    server = [found.busybox, "udhcpd", "-f", "-a", "100", str(tmp_path / "udhcpd.conf")]
-    with subprocess.Popen(["ip", "netns", "exec", place, *server]) as process:
-        yield found
-        process.kill()
-    run("ip", "netns", "delete", place)
 
 
 def run(*words: str) -> None:

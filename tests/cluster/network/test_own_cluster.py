@@ -6,7 +6,6 @@ The tests of this module go on one after the other on the same cluster, in this 
 from __future__ import annotations
 
 import itertools
-import json
 import re
 import shutil
 import signal
@@ -230,62 +229,6 @@ def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: 
     # What another Rigelfile has said of images stays.
     images = {c["image"] for c in daemon(own, "node2")["spec"]["containers"]}
     assert images == {f"docker.io/{MULTUS}"}
-
-
-DHCP = """
-application: {{distro: jazzy}}
-jobs:
-  deploy:
-    plugin: rigel_k8s.OrchestrationPlugin
-    with:
-      namespace: {namespace}
-      ros: none
-      image: {image}
-      network: {{mode: macvlan, interface: eth0, ipam: dhcp, install: true}}
-      nodes:
-        one: {{command: {command}, placement: {{node: node1}}}}
-        two: {{command: {command}, placement: {{node: node2}}}}
-"""
-
-
-def test_addresses_of_the_networks_own_dhcp_server(
-    own: Any, own_lab: Any, leases: Any, said: Any, tmp_path: Path
-) -> None:
-    """`install: true` runs CNI's DHCP daemon where `ipam: dhcp` wants it: pods get leases of a real
-    server, which are renewed as long as pods live. A pod that outlives its daemon is named.
-    """
-    how = {"image": IMAGE, "command": json.dumps(SLEEP), "namespace": own_lab.namespace}
-    (tmp_path / "Rigelfile").write_text(DHCP.format(**how))
-    words = ["--context", own.context, "-f", str(tmp_path / "Rigelfile")]
-    rigel(*words, "run", "job", "deploy")
-    pods = [own_lab.running(pod["metadata"]["name"]) for pod in own_lab.pods()]
-    addresses = {own_lab.address_of(pod) for pod in pods}
-    assert len(addresses) == 2
-    own_lab.until(lambda: leases.there() == addresses, "file of the server with these leases alone")
-    (other,) = addresses - {own_lab.address_of(pods[0])}
-    assert " 0% packet loss" in own_lab.inside(
-        pods[0]["metadata"]["name"], "ping", "-c3", "-W5", other
-    )
-    for node in own_lab.nodes:
-        own_lab.until(lambda node=node: renewed(own, node), f"renewal on {node}")
-    assert addresses == leases.there()
-    own_lab.until(lambda: network_status(own.cluster, Install()).ok, "state in which all is well")
-    old = daemon(own, "node1")["metadata"]
-    own.cluster.delete(ObjectRef("v1", "Pod", RELEASE.namespace, old["name"]))
-    (told,) = own_lab.until(lambda: network_status(own.cluster, Install()).unkept, "lost lease")
-    assert (told.pod, told.node) == (pods[0]["metadata"]["name"], pods[0]["spec"]["nodeName"])
-    rigel(*words, "down")
-    own_lab.until(lambda: not leases.there(), "end of all leases")
-    install(own.cluster, Install(dhcp=False), DeployOptions(report=said))
-    names = [c["name"] for c in daemon(own, "node1")["spec"]["containers"]]
-    assert names == ["multus", "machine"]
-
-
-def renewed(own: Any, node: str) -> bool:
-    """Return whether the DHCP daemon of a node has renewed a lease."""
-    name = daemon(own, node)["metadata"]["name"]
-    lines = own.cluster.logs(RELEASE.namespace, name, container="dhcp")
-    return any("lease renewed" in line for line in lines)
 
 
 def rigel(*words: str) -> None:

@@ -23,7 +23,6 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 from tests.cluster.rights import wait_for_right, write_kubeconfig
 from tests.support.preflight import check
-from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
 
@@ -182,15 +181,6 @@ def test_mtu(ask: Ask) -> None:
     assert [line.partition(":")[0] for line in ask(mtu=65000)] == ["error mtu"]
 
 
-def test_a_kernel_without_ipvlan(ask: Ask, machines: dict[str, Machine]) -> None:
-    """Where the kernel was built without ipvlan, that is told."""
-    config = subprocess.run(["zcat", "/proc/config.gz"], check=False, capture_output=True)
-    if b"# CONFIG_IPVLAN is not set" not in config.stdout:
-        pytest.skip("this kernel has ipvlan, or does not tell")
-    expected = f"error kernel: the kernel of {', '.join(machines)} was built without ipvlan"
-    assert expected in ask(mode="ipvlan")
-
-
 def test_a_program_that_one_machine_has(
     cluster: Any, namespace: str, machines: dict[str, Machine]
 ) -> None:
@@ -212,27 +202,6 @@ def test_a_program_that_one_machine_has(
     assert found[0] == (
         f"CNI programs are missing on {', '.join(others)}: {program} (looked into /opt/cni/bin)"
     )
-
-
-def test_the_dhcp_daemon(ask: Ask, machines: dict[str, Machine]) -> None:
-    """`ipam: dhcp` needs a daemon; the machine where it runs is not among those that lack it."""
-    first, *others = machines
-    running = subprocess.run(
-        machines[first].inside("test", "-S", "/run/cni/dhcp.sock"), check=False
-    )
-    if running.returncode == 0:
-        pytest.skip("somebody runs the dhcp daemon")
-    daemon = subprocess.Popen(machines[first].inside("/opt/cni/bin/dhcp", "daemon"))
-    try:
-        lines = until(
-            lambda: [o for o in [ask(ipam="dhcp")] if f"on {', '.join(others)} " in o[0]],
-            "finding of the others alone",
-        )
-        assert [line.partition(":")[0] for line in lines[0]] == ["error dhcp-daemon"]
-    finally:
-        daemon.terminate()
-        daemon.wait(60)
-        subprocess.run(machines[first].inside("rm", "-f", "/run/cni/dhcp.sock"), check=True)
 
 
 def test_overlapping_the_pods_and_the_services(cluster: Any, ask: Ask) -> None:

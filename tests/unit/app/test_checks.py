@@ -83,6 +83,7 @@ WRONG_NODES = [
     ("conflict", "package", "n", "{command: b, package: a, executable: b}"),
     ("bad-command", "args", "n", '{args: "a \'b"}'),
     ("bad-command", "args", "n", "{args: []}"),
+    ("bad-command", "args", "n", f"{{args: {'a' * (2**17 + 1)}}}"),
     ("not-appendable", "parameters", "n", "{parameters: {a: 1}}"),
     ("not-appendable", "remappings", "n", "{remappings: {a: b}}"),
     ("not-appendable", "parameter_files", "n", "{parameter_files: [a.yaml]}"),
@@ -402,6 +403,17 @@ def test_transitions_that_cannot_be_made_are_refused(reason: str) -> None:
     assert reason in found[0].message
 
 
+@pytest.mark.parametrize(
+    "env", ["{ROS_MASTER_URI: http://a:1}", "[{name: ROS_MASTER_URI, value: http://a:1}]"]
+)
+def test_a_node_with_a_master_of_its_own_is_not_handed_over(env: str) -> None:
+    """The gate cannot manage it, in whichever form `env` is written."""
+    text = f"{{image: a, nodes: {{n: {{args: x, env: {env}, update: {{strategy: HandOver}}}}}}}}"
+    found = [one for one in problems(text) if one.kind == "hand-over"]
+    assert [one.path for one in found] == [("nodes", "n", "update", "strategy")]
+    assert "it has a ROS_MASTER_URI of its own" in found[0].message
+
+
 def test_a_node_of_ros1_has_no_lifecycle() -> None:
     """It is told so where it asks for one."""
     text = "{image: a, nodes: {n: {args: x, lifecycle: {stop: [shutdown]}}}}"
@@ -427,6 +439,17 @@ NO_HAND_OVER = {
     "the transitions of `lifecycle`": ("args: x, lifecycle: {start: [configure]}", LAN),
     "its components are loaded again": ("components: {c: {package: a, plugin: b}}", LAN),
     "differs in each pod": ("args: x, anonymous: true", LAN),
+    "it is privileged": ("args: x, security_context: {privileged: true}", LAN),
+    "it has a port of its machine": (
+        "args: x, patch: {spec: {template: {spec: {containers:"
+        " [{name: n, ports: [{hostPort: 80}]}]}}}}",
+        LAN,
+    ),
+    "it mounts a claim that may be exclusive": (
+        "args: x, patch: {spec: {template: {spec: {volumes:"
+        " [{name: v, persistentVolumeClaim: {claimName: c}}]}}}}",
+        LAN,
+    ),
     "its volume a is ReadWriteOnce": (
         "args: x, volumes: [a]",
         f"{LAN}, persistent_storage: {{volumes: [{{name: a}}]}}",
@@ -453,7 +476,6 @@ ON_MACHINE = {
     "network: host": set(),
     "network: none": set(),
     LAN: {("conflict", "nodes.n.host_network")},
-    LAN.replace("macvlan", "ipvlan"): {("conflict", "nodes.n.host_network")},
     "network: {mode: attachment, attachment: a}": {("conflict", "nodes.n.host_network")},
 }
 

@@ -49,7 +49,36 @@ def test_every_command_of_the_table_is_there_and_helps(
 def test_an_unknown_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     """A misspelt command is a usage error (2) that says what was probably meant."""
     assert main.run(["staus"], "rigel") == 2
-    assert 'Did you mean "status"?' in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        'error: unknown command "staus", did you mean "status"?\n'
+        "hint: `rigel --help` shows how it is used\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [("deploy", "run"), ("up", "run"), ("ps", "status"), ("stop", "down"), ("topic", "graph")],
+)
+def test_a_word_of_another_tool_names_the_command(
+    word: str, meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`stop` is no mistake for `top`."""
+    assert main.run([word], "rigel") == 2
+    assert f'unknown command "{word}", did you mean "{meant}"?' in capsys.readouterr().err
+
+
+def test_every_other_word_leads_to_a_command() -> None:
+    """And none of them is a command itself."""
+    assert set(main.OTHER_WORDS.values()) <= set(main.COMMANDS)
+    assert not set(main.OTHER_WORDS) & set(main.COMMANDS)
+
+
+def test_a_usage_error_looks_like_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    """What, and where its help is."""
+    assert main.run(["list", "--nope"], "rigel") == 2
+    error, hint = capsys.readouterr().err.splitlines()
+    assert error.lower().startswith("error: no such option")
+    assert hint == "hint: `rigel list --help` shows how it is used"
 
 
 @pytest.mark.parametrize(
@@ -183,4 +212,21 @@ def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Pat
         assert done.returncode == exit_code
         assert out.read_text().endswith("cleaned up\n")
         assert (out.stat().st_size > 10_000) == (word == "schema")
-        assert ("Unknown command" in done.stderr) == (word == "statsu")
+        assert ("unknown command" in done.stderr) == (word == "statsu")
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "error"),
+    [
+        ("version >&-", 1, "error: standard output is closed; to discard it, use > /dev/null\n"),
+        ("version > /dev/full", 1, "error: cannot write the output: No space left on device\n"),
+        ("schema > /dev/full", 1, "error: cannot write the output: No space left on device\n"),
+        ("-f /nowhere/Rigelfile check 2>&-", 2, ""),
+        ("explain mtu <&- > /dev/null", 0, ""),
+    ],
+)
+def test_closed_and_full_streams_are_no_bugs(line: str, code: int, error: str) -> None:
+    """One line at most, and the exit code that the command has otherwise."""
+    command = f"{sys.executable} -m rigel_k8s {line}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, error)

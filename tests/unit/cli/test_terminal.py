@@ -66,6 +66,21 @@ def test_a_row_of_a_table_is_a_line_of_the_terminal(columns: int) -> None:
     assert lines[3].endswith("the end")
 
 
+def test_images_are_left_out_before_names_are_cut() -> None:
+    """A pod's name is copied into the next command; an image's rarely."""
+    code = """
+from rigel_k8s.cli.tables import OPTIONAL, table
+heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
+pod = "driver-7d8f9c6b5-x2x4z"
+row = ["driver", "/bot/driver", "1/1", pod, "node2", "0", "73s", "10.0.0.2:5000/ros@sha256:f3d1c0a"]
+print(table(heads, [row], OPTIONAL))
+"""
+    terminal = python(code, 80)
+    assert terminal.end() == 0
+    assert "IMAGE" not in terminal.text
+    assert "/bot/driver  1/1    driver-7d8f9c6b5-x2x4z" in terminal.text
+
+
 def test_a_wide_terminal_and_a_pipe_have_everything() -> None:
     """Scripts cut columns; nothing is left out where there is room."""
     terminal = python(TABLE, 200)
@@ -254,7 +269,7 @@ def test_a_question_that_is_not_answered_with_yes(
     keys: str, code: int, shown: list[str], tmp_path: Path
 ) -> None:
     """Ctrl-C, Ctrl-D and no are one line each, and nothing is deleted."""
-    words = [sys.executable, "-m", "rigel_k8s", "down", "--volumes"]
+    words = [sys.executable, "-m", "rigel_k8s", "down", "--sequence", "s", "--volumes"]
     terminal = open_terminal(words, {}, directory=tmp_path)
     terminal.until("[y/N]: ")
     time.sleep(0.5)  # Python sees a signal just before it reads when the read ends

@@ -11,6 +11,7 @@ import sys
 import termios
 from pathlib import Path
 
+import click
 import pytest
 
 from rigel_k8s.cli import width
@@ -26,7 +27,7 @@ def test_lines_of_the_file_fit_the_terminal(words: list[str], columns: int, tmp_
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     run(words, tmp_path, theirs)
     os.close(theirs)
-    shown = read(ours).splitlines()
+    shown = click.unstyle(read(ours)).splitlines()
     assert max(len(line) for line in shown if " | " in line) == columns
 
 

@@ -16,9 +16,10 @@ from click.testing import CliRunner, Result
 from rigel_k8s import lab
 from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
+from rigel_k8s.cli.rigelfiles import count
 from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
-from rigel_k8s.commands import fleet, pods, releases
+from rigel_k8s.commands import fleet, pods, releases, targets
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
@@ -216,11 +217,14 @@ def test_down(record: Any) -> None:
     """Data goes only with --volumes, and then only after a yes."""
     ref = ObjectRef("v1", "Service", "test", "a")
     plan = Plan(ReleaseId("test", "app"), (Step("prune", ref), Step("forget", ref)))
-    action = record(releases, "down", (plan.release, plan))
+    record(targets, "release", SimpleNamespace(id=plan.release))
+    action = record(releases, "down", plan)
     assert call("down").stdout == "removed app from test: 1 object deleted, 1 kept for its data\n"
     assert action.kwargs == {"volumes": False}
     call("down", "--volumes", "-y")
     assert action.kwargs == {"volumes": True}
+    record(releases, "down", Plan(plan.release, ()))
+    assert call("down").stdout == "there is no release app in the namespace test\n"
 
 
 def test_down_of_a_sequence(record: Any) -> None:
@@ -239,10 +243,55 @@ def test_down_of_a_sequence(record: Any) -> None:
 
 def test_down_does_not_ask_where_nobody_can_answer(record: Any) -> None:
     """In a script --volumes without -y deletes nothing and says how to say yes."""
+    record(targets, "release", SimpleNamespace(id=ReleaseId("test", "app")))
     action = record(releases, "down")
     with pytest.raises(Exception, match="no terminal to ask"):
         call("down", "--volumes")
     assert action.calls == []
+
+
+@pytest.mark.parametrize(("answer", "code"), [("y", 0), ("n", 1)])
+def test_down_asks_in_a_terminal(
+    record: Any, monkeypatch: pytest.MonkeyPatch, answer: str, code: int
+) -> None:
+    """It deletes a running robot, and nothing is deleted without a yes."""
+    release = ReleaseId("test", "app")
+    record(targets, "release", SimpleNamespace(id=release))
+    action = record(releases, "down", Plan(release, ()))
+    there = SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("rigel_k8s.cli.releases.sys", there)
+    done = call("down", input=answer)
+    assert "Delete app from test?" in done.output
+    assert ((done.return_value or 0), len(action.calls)) == (code, 1 - code)
+    call("down", "-y")
+    assert len(action.calls) == 2 - code
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"), [(("job", "a"), "job"), (("sequence", "a"), "sequence"), (("a",), None)]
+)
+def test_run_takes_a_name_alone(record: Any, words: tuple[str, ...], kind: str | None) -> None:
+    """What it is, the Rigelfile says."""
+    action = record(runs, "run")
+    call("run", *words)
+    assert action.args[:2] == (kind, "a")
+    for wrong in (("task", "a"), ("job", "a", "b")):
+        with pytest.raises(click.UsageError, match="name one job or one sequence"):
+            call("run", *wrong)
+
+
+@pytest.mark.parametrize(
+    ("errors", "warnings", "text"),
+    [
+        (0, 0, "no problems"),
+        (0, 1, "1 warning, no errors"),
+        (1, 0, "1 error"),
+        (2, 3, "2 errors, 3 warnings"),
+    ],
+)
+def test_check_counts(errors: int, warnings: int, text: str) -> None:
+    """A warning is not nothing, and many errors have a total."""
+    assert count(errors, warnings) == text
 
 
 def test_doctor(record: Any) -> None:
@@ -295,7 +344,7 @@ def test_init_writes_one_for_ros2_too(starter: Path) -> None:
     CliRunner().invoke(cli, ["init", "--ros", "2", "--force"], catch_exceptions=False)
     done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
     assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
-    assert "distro: jazzy" in starter.read_text()
+    assert "distro: lyrical" in starter.read_text()
 
 
 @pytest.mark.parametrize("ros", ["1", "2"])
@@ -363,15 +412,6 @@ def test_check_tells_in_json(starter: Path) -> None:
     assert (finding["file"], finding["severity"]) == ("Rigelfile", "error")
     line = starter.read_text().splitlines()[finding["line"] - 1]
     assert line[finding["column"] - 1 :].startswith("deploy_ros: true")
-
-
-def test_check_for_rigel_0_3(starter: Path) -> None:
-    """--rigel03 adds what Rigel would not take; without it the same file is fine."""
-    starter.write_text(starter.read_text().replace("  demo:\n", "  demo:\n    description: all\n"))
-    assert CliRunner().invoke(cli, ["check"], standalone_mode=False).return_value == 0
-    done = CliRunner().invoke(cli, ["check", "--rigel03"], standalone_mode=False)
-    assert done.return_value == 2
-    assert "description" in done.stdout
 
 
 def test_schema_is_json(starter: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from tests.support.releases import deploy
 def release(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     """The release that every command finds."""
 
-    def found(settings: Settings, job: str | None = None, nodes: Any = ()) -> Release:
+    def found(settings: Settings, job: str | None = None, nodes: Any = (), **_: Any) -> Release:
         return Release(fake, RELEASE)  # type: ignore[arg-type]
 
     monkeypatch.setattr(releases, "release", found)
@@ -37,22 +38,25 @@ def release(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(logs, "release", found)
 
 
+def found(fake: Any) -> Release:
+    return Release(fake, RELEASE)
+
+
 def test_down_leaves_volumes_unless_they_are_asked_for(fake: Any, report: Recorder) -> None:
     deploy(desired(config(), claim()), fake, report=report)
-    found, plan = releases.down(Settings(), None, report, volumes=False)
-    assert found == RELEASE
+    plan = releases.down(found(fake), Settings(), report, volumes=False)
     assert sorted((step.action, step.ref.name) for step in plan.steps) == [
         ("forget", "data"),
         ("prune", "c"),
     ]
     assert fake.names("PersistentVolumeClaim") == {"data"}
-    releases.down(Settings(), None, report, volumes=True)
+    releases.down(found(fake), Settings(), report, volumes=True)
     assert fake.names("PersistentVolumeClaim") == set()
 
 
-def test_down_of_nothing_is_told(report: Recorder) -> None:
-    with pytest.raises(UserError, match="there is no release demo in the namespace n"):
-        releases.down(Settings(), None, report, volumes=True)
+def test_down_of_nothing_is_no_error(fake: Any, report: Recorder) -> None:
+    """A script may end what has ended."""
+    assert releases.down(found(fake), Settings(), report, volumes=True).is_empty
 
 
 def test_down_waits_as_long_as_it_may(
@@ -62,7 +66,7 @@ def test_down_waits_as_long_as_it_may(
     deploy(desired(workload()), fake, report=report)
     fake.store.controllers = Controllers(ending={"talker": 10**9})
     with pytest.raises(ClusterError, match=r"did not end within 0\.1 s"):
-        releases.down(Settings(timeout=0.1), None, report, volumes=False)
+        releases.down(found(fake), Settings(timeout=0.1), report, volumes=False)
 
 
 def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
@@ -202,3 +206,25 @@ def test_logs_of_a_level_are_of_that_level_and_above(
     monkeypatch.setattr(FakeCluster, "logs", lambda *_, **__: iter(LINES))
     found = logs.logs(Settings(), [], LogOptions(level=level, parsed=True))
     assert [line.text.rpartition(": ")[2] for line in found if not line.note] == said
+
+
+def test_diff_shows_what_others_own(
+    fake: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The difference is what `diff` is for; that a deploy would be refused comes after it."""
+    (tmp_path / "Rigelfile").write_text(
+        "application: {distro: noetic}\n"
+        "jobs:\n  deploy:\n    plugin: rigel_k8s.OrchestrationPlugin\n"
+        "    with: {deployment_name: demo, namespace: n, image: a@sha256:" + "0" * 64 + ","
+        " deploy_ros_master: false, nodes: {talker: {args: [talker]}}}\n"
+    )
+    monkeypatch.setattr(releases, "connect", lambda _: fake)
+    objects = releases.render(Settings(tmp_path / "Rigelfile"), None).objects
+    (ours,) = (item for item in objects if item["kind"] == "Deployment")
+    theirs = copy.deepcopy(ours)
+    theirs["metadata"] = {"name": "talker", "namespace": "n"}
+    fake.as_manager("kubectl").create(theirs)
+    found = releases.diff(Settings(tmp_path / "Rigelfile"), None)
+    assert "Deployment n/talker already exists" in str(found.conflict and found.conflict.details)
+    assert "+    rigel-k8s/release: demo" in found.text
+    assert releases.diff(Settings(tmp_path / "Rigelfile", adopt=True), None).conflict is None

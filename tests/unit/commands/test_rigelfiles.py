@@ -56,13 +56,3 @@ def test_limits_of_a_matrix_are_checked_before_anything_runs(tmp_path: Path, lim
     path.write_text(FLEET.replace("LIMIT", limit))
     found = rigelfiles.check(Settings(path)).findings
     assert [(finding.span.line, finding.kind) for finding in found] == [(12, "bad-matrix")]
-
-
-def test_rigel03_reads_a_fleet_in_waves(tmp_path: Path) -> None:
-    """It refuses unknown keys of a stage, and reads those of a matrix as lists of values."""
-    path = tmp_path / "Rigelfile"
-    path.write_text(FLEET.replace("LIMIT", "[3]"))
-    assert rigelfiles.check(Settings(path)).findings == ()
-    found = rigelfiles.check_rigel03(Settings(path)).findings
-    assert {one.severity for one in found} == {"warning"}
-    assert all("runs all branches at once" in one.message for one in found)

@@ -82,3 +82,19 @@ def test_a_run_without_a_cluster_needs_no_kubeconfig(nowhere: Path) -> None:
     """Only a job that connects needs it."""
     start("without", nowhere)
     assert (nowhere / "Dockerfile").exists()
+
+
+def test_a_name_that_only_one_has_is_enough(nowhere: Path) -> None:
+    """`rigel run deploy` is what everyone types first."""
+    settings = Settings(rigelfile=nowhere / "Rigelfile")
+    with pytest.raises(UserError, match="the job deploy needs a cluster"):
+        run(None, "deploy", settings, Recorder())
+    with pytest.raises(UserError, match="the job deploy needs a cluster"):
+        run(None, "nested", settings, Recorder())
+    with pytest.raises(UserError, match='no job and no sequence is called "deplyo", did you mean'):
+        run(None, "deplyo", settings, Recorder())
+    text = (nowhere / "Rigelfile").read_text().replace("  nested:", "  deploy:")
+    (nowhere / "Rigelfile").write_text(text)
+    with pytest.raises(UserError, match='a job and a sequence are called "deploy"') as caught:
+        run(None, "deploy", settings, Recorder())
+    assert "rigel run sequence deploy" in str(caught.value.hint)

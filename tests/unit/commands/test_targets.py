@@ -198,13 +198,23 @@ def test_a_release_needs_no_rigelfile(
     assert (found.id.namespace, found.id.name) == ("lab", "arm")
 
 
-def test_without_a_rigelfile_a_release_must_be_named(
+def test_without_a_rigelfile_the_only_release_is_meant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """By what reads; what writes would do it in a wrong directory. Of several, one is named."""
     monkeypatch.chdir(tmp_path)
+    fake = FakeCluster()
+    monkeypatch.setattr(targets, "connect", lambda _: fake)
+    with pytest.raises(UserError, match="no release is named: there is none in the namespace n"):
+        release(Settings(namespace="n"))
+    deploy(Desired(ReleaseId("n", "one"), (), create_namespace=True), fake, report=Recorder())
+    assert release(Settings(namespace="n")).id == ReleaseId("n", "one")
     with pytest.raises(UserError, match="no release is named") as caught:
-        release(Settings())
+        release(Settings(namespace="n"), named=True)
     assert "rigel list" in str(caught.value.hint)
+    deploy(Desired(ReleaseId("n", "two"), (), create_namespace=True), fake, report=Recorder())
+    with pytest.raises(UserError, match="there are one, two in the namespace n"):
+        release(Settings(namespace="n"))
 
 
 def test_a_rigelfile_that_was_named_and_is_missing_is_an_error(tmp_path: Path) -> None:

@@ -12,13 +12,14 @@ import pytest
 
 from rigel_exporter import dds_discovery as discovery
 from rigel_exporter import dds_messages as messages_of
+from rigel_exporter import dds_participant
 from rigel_exporter import dds_wire as wire
 from rigel_exporter.dds import Domain
 from rigel_exporter.dds_discovery import ENDPOINTS
 from rigel_exporter.dds_participant import NAME, Participant
 from rigel_exporter.dds_view import graph
 from rigel_exporter.graph import Graph
-from rigel_inpod import rtps
+from rigel_inpod import rtps, spdp
 from rigel_inpod.spdp import Announcement
 
 PACKETS = Path(__file__).parent / "packets"
@@ -255,3 +256,37 @@ def feed(own, message):
         own.take(memoryview(message), "10.9.0.3", 1.0, 1.0)
     except rtps.Malformed:
         return
+
+
+def announced(number, domain=0):
+    prefix = number.to_bytes(12, "big")
+    told = Announcement(prefix, domain=domain, meta=(("10.9.0.7", 7000),), lease=1e6)
+    return spdp.announcement(told)
+
+
+def test_strangers_keep_no_participant_away(monkeypatch):
+    """Those that have announced only themselves make room, the oldest first; the others stay."""
+    monkeypatch.setattr(dds_participant, "_MOST_PEERS", 20)
+    prefix, messages = recorded("fastdds-2.14")
+    own, _ = participant(prefix)
+    play(own, messages[: alive(messages)])
+    before = [node.name for node in seen(own).nodes if node.name]
+    assert before
+    play(own, [announced(number) for number in range(1, 100)])
+    assert [node.name for node in seen(own).nodes if node.name][: len(before)] == before
+    assert len(own.peers) == 20
+    late = announced(100)
+    play(own, [late])
+    assert (100).to_bytes(12, "big") in own.peers
+    assert (1).to_bytes(12, "big") not in own.peers
+
+
+def test_a_table_full_of_participants_with_endpoints_takes_no_more(monkeypatch):
+    """They are what the exporter shows."""
+    monkeypatch.setattr(dds_participant, "_MOST_PEERS", 3)
+    own, _ = participant()
+    play(own, [announced(number) for number in range(1, 4)])
+    for peer in own.peers.values():
+        peer.has_endpoints = True
+    play(own, [announced(4)])
+    assert (4).to_bytes(12, "big") not in own.peers

@@ -12,7 +12,7 @@ from rigel_exporter import dds_wire as wire
 from rigel_exporter.dds_names import is_service, topic_name, type_name
 from rigel_exporter.dds_reliable import Incoming, Outgoing
 from rigel_exporter.dds_samples import Hearing, Source
-from rigel_inpod import rtps
+from rigel_inpod import rtps, spdp
 
 READER, WRITER = b"\x00\x00\x01\x04", b"\x00\x00\x01\x03"
 OWN, OTHER = b"o" * 12, b"t" * 12
@@ -225,3 +225,24 @@ def test_partition_is_repeated_in_our_order():
     found = discovery.endpoint(b"\x00\x02\x00\x00" + listed)
     little = pack("<I", 1) + pack("<I", 5) + b"east\0" + b"\0" * 3
     assert found.quality == ((discovery.PID_PARTITION, little),)
+
+
+@pytest.mark.parametrize("pid", ["PID_TOPIC", "PID_TYPE", "PID_PARTITION"])
+def test_a_name_that_dds_does_not_allow_is_not_kept(pid):
+    """50,000 endpoints with 30 KB each would fill any memory."""
+    pairs = [
+        (discovery.PID_ENDPOINT, OTHER + WRITER),
+        (getattr(discovery, pid), spdp.text(30_000 * "x")),
+    ]
+    with pytest.raises(rtps.Malformed):
+        discovery.endpoint(rtps.serialized(pairs))
+
+
+def test_what_a_participant_says_of_itself_is_read_up_to_a_limit():
+    """The same for 2,000 participants."""
+    long = 60_000 * "x"
+    pairs = (("name", "x"),) * 2000
+    told = spdp.Announcement(b"p" * 12, name=long, properties=pairs)
+    found = spdp.participant(memoryview(spdp.payload_of(told)))
+    assert len(found.name) == spdp.LONGEST
+    assert len(found.properties) == spdp.MOST_PROPERTIES

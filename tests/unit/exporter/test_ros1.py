@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import struct
 import threading
+import xmlrpc.client
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
@@ -363,3 +366,72 @@ def test_a_message_that_is_too_large_is_counted_and_not_kept(
     until(lambda: kept.extend(hearing.samples().payloads) or b"small" in kept, "it is kept")
     assert kept == [b"small"]
     assert hearing.samples().size == 5005
+
+
+# -- nodes that answer anything --
+
+
+@contextmanager
+def answering(body: bytes, length: int | None = None) -> Iterator[str]:
+    """Serve one answer to every request, with the length that it claims to have; yields the URI."""
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_POST(self) -> None:
+            self.rfile.read(int(self.headers["Content-Length"]))
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body) if length is None else length))
+            self.end_headers()
+            with suppress(OSError):
+                self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
+        thread.join()
+
+
+def answer(value: object) -> bytes:
+    return xmlrpc.client.dumps((value,), methodresponse=True).encode()
+
+
+NESTED = b"<value>" + b"<array><data><value>" * 20_000 + b"</value></data></array>" * 20_000
+BAD_ANSWERS = [
+    (b"", 2**20 + 1),
+    (b"", 4_000_000_000),
+    (b"", -1),
+    (b"<methodResponse>" + NESTED + b"</methodResponse>", None),
+    (answer([1, "", [[["/t"], "x"], 7]]), None),
+    (answer([1, "", 7]), None),
+    (answer([1, "", [[["/t", "no", [["1", "x", "y", "z"]]]], 5]]), None),
+    (answer([1, "", {"a": [1]}]), None),
+]
+
+
+@pytest.mark.parametrize(("body", "length"), BAD_ANSWERS)
+def test_a_nodes_answer_concerns_that_node_alone(
+    graph: RosGraph, ros1: Ros1, body: bytes, length: int | None
+) -> None:
+    """Endless, nested, or nonsense: the others' metrics are there, and so is the look."""
+    graph.node("/good", ["/chatter"])
+    with answering(body, length) as uri:
+        graph.master.add("/bad", uri, ["/t"], [])
+        found = nodes(ros1.look())
+    assert found["/good"].up
+    assert found["/bad"].registered
+
+
+@pytest.mark.parametrize("uri", ["http://10.0.0.1:99999/", "http://a..b:1/", "http://h:x/", ""])
+def test_an_address_that_no_socket_has_concerns_its_node_alone(
+    graph: RosGraph, ros1: Ros1, uri: str
+) -> None:
+    graph.node("/good", ["/chatter"])
+    graph.master.add("/bad", uri, ["/t"], [])
+    found = nodes(ros1.look())
+    assert (found["/good"].up, found["/bad"].up) == (True, False)

@@ -18,7 +18,7 @@ from rigel_exporter.collection import Collection
 from rigel_exporter.config import Config, ConfigFailed, read
 from rigel_exporter.graph import Graph, Node, Samples
 from rigel_exporter.listening import STALE, STATUSES, Listening
-from rigel_exporter.metrics import FAMILIES, Sample, text
+from rigel_exporter.metrics import FAMILIES, MOST_OF_A_LABEL, Sample, text
 from rigel_exporter.serving import Server
 from tests.support.until import until
 
@@ -260,3 +260,14 @@ def test_the_first_look_waits_until_the_others_are_known() -> None:
     assert not collection.well()
     assert "ros_node_up" not in collection.metrics()
     collection.close()
+
+
+def test_a_long_name_is_shortened_and_stays_its_own() -> None:
+    """Prometheus refuses a scrape with longer ones, and two series of one name."""
+    names = [f"/{'x' * 20_000}{number}" for number in range(2)]
+    found = text(Sample("ros_clock_age_seconds", 1, {"topic": name}) for name in [*names, "/short"])
+    labels = re.findall(r'topic="([^"]*)"', found)
+    assert len(set(labels)) == 3
+    assert max(map(len, labels)) == MOST_OF_A_LABEL
+    assert labels[0].startswith("/xxx")
+    assert labels[2] == "/short"

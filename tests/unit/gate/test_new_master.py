@@ -439,3 +439,17 @@ async def test_what_a_new_master_refuses_is_named(world: World) -> None:
     assert (await describe(world))["refused"] == [
         f"service /talker/ask of /talker at {node.api}: [-1, 'not XML', 0]"
     ]
+
+
+@play
+async def test_a_users_value_replaces_the_default_of_a_new_roscore(world: World) -> None:
+    """roscore.py sets this parameter, so it is never missing."""
+    await up(world, TALKER)
+    name = "/rosout_disable_topics_generation"
+    await world.call(Call("setParam", ("/tool", name, True)))
+    world.kill_master()
+    world.start_master()
+    assert world.master_now is not None
+    world.master_now.parameters.set(name, False)
+    assert (await look_up(world)).is_success
+    assert world.master_now.parameters.get(name) is True

@@ -15,6 +15,18 @@ import rigel_inpod
 START = Path(rigel_inpod.__file__).parent / "roscore.sh"
 #: What the real one does: it starts roslaunch with its arguments.
 ROSCORE = "import sys, roslaunch.launch as launch\nprint(launch._TIMEOUT_MASTER_START, sys.argv)\n"
+#: How roslaunch loads what roscore itself starts and sets.
+CONFIG = """
+def load_roscore(loader, config, verbose=True):
+    config.add_param(("/rosversion", loader), verbose=verbose)
+def load_config_default():
+    load_roscore("1.16", Config, verbose=False)
+class Config:
+    params = []
+    @classmethod
+    def add_param(cls, param, verbose=True):
+        cls.params.append(param)
+"""
 
 
 @pytest.fixture
@@ -23,6 +35,8 @@ def start(tmp_path: Path) -> Callable[[str], subprocess.CompletedProcess[str]]:
     (tmp_path / "roslaunch").mkdir()
     (tmp_path / "roslaunch/__init__.py").touch()
     (tmp_path / "roslaunch/launch.py").write_text("_TIMEOUT_MASTER_START = 10.0\n")
+    (tmp_path / "roslaunch/core.py").write_text("def Param(key, value): return key, value\n")
+    (tmp_path / "roslaunch/config.py").write_text(CONFIG)
     env = {**os.environ, "PATH": f"{tmp_path}:/usr/bin:/bin", "PYTHONPATH": str(tmp_path)}
 
     def run(text: str) -> subprocess.CompletedProcess[str]:
@@ -51,6 +65,16 @@ def test_its_master_has_two_minutes(
     assert done.returncode == 0, done.stderr
     words = f"{[str(tmp_path / 'roscore'), '-p', '1']}"
     assert done.stdout in (f"120.0 {words}\n", f"(120.0, {words})\n")
+
+
+def test_rospy_nodes_need_not_request_with_each_line_what_is_not_set(
+    python: str, start: Callable[[str], subprocess.CompletedProcess[str]]
+) -> None:
+    """The parameter has its default, beside what roscore sets by itself."""
+    look = "import roslaunch.config as c\nc.load_config_default()\nprint(c.Config.params)\n"
+    done = start(f"#!{python}\n{look}")
+    wanted = [("/rosversion", "1.16"), ("/rosout_disable_topics_generation", False)]
+    assert done.stdout == f"{wanted}\n", done.stderr
 
 
 def test_another_program_runs_as_it_is(

@@ -8,6 +8,7 @@ import threading
 import time
 import xmlrpc.client
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
@@ -117,3 +118,36 @@ def test_bad_uri(rosrpc: ModuleType, uri: str):
     """What is not http://HOST:PORT is told as that."""
     with pytest.raises(rosrpc.CallFailed, match="is not http://HOST:PORT"):
         rosrpc.Api(uri, time.time() + 1)
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (b"HTTP/1.1 200 OK\r\nContent-Length: 4000000000\r\n\r\n", "too large"),
+        (b"HTTP/1.1 200 OK\r\nX: " + 17 * 2**20 * b"x", "too large"),
+    ],
+)
+def test_an_endless_answer_is_not_read(rosrpc: ModuleType, answer: bytes, why: str) -> None:
+    """A probe has the memory of the node's own container."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with server.accept()[0] as link, suppress(OSError):
+                link.recv(65536)
+                link.sendall(answer)
+                link.recv(65536)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        api = rosrpc.Api(f"http://127.0.0.1:{server.getsockname()[1]}", time.time() + 30)
+        with pytest.raises(rosrpc.CallFailed, match=why):
+            api.call("getPid")
+        thread.join()
+
+
+def test_an_answer_of_many_levels_is_refused(rosrpc: ModuleType) -> None:
+    """Python's own limit would end a whole look at the graph, far from its cause."""
+    levels = 1000
+    text = "<array><data><value>" * levels + "</value></data></array>" * levels
+    with pytest.raises(rosrpc.CallFailed, match="too deep"):
+        rosrpc.parse(f"<methodResponse><value>{text}</value></methodResponse>")

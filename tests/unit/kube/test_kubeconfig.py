@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import sys
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from traceback import format_exception
@@ -478,3 +480,36 @@ def test_a_pod_uses_its_service_account(tmp_path: Path) -> None:
         "",
     )
     assert list(target.credentials().headers(fresh=False)) == [("Authorization", "Bearer t")]
+
+
+def list_odd(value: Any) -> Iterator[Any]:
+    """Yield copies of a value, each with one part replaced by something of another type."""
+    yield from (3, "text", [], ["text"], [3], {}, {"text": 3}, None, True)
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from ({**value, key: odd} for odd in list_odd(inner))
+    elif isinstance(value, list):
+        for number, inner in enumerate(value):
+            yield from ([*value[:number], odd, *value[number + 1 :]] for odd in list_odd(inner))
+
+
+def test_an_odd_kubeconfig_is_never_a_bug(tmp_path: Path) -> None:
+    """Whatever stands where something else belongs, it is used or refused in one error."""
+    user = {"token": "t", "as": "me", "as-groups": ["a"], "as-user-extra": {"b": ["c"]}}
+    refused = 0
+    for odd in list_odd(whole(user, **{"certificate-authority": "ca", "proxy-url": "http://p"})):
+        path = tmp_path / "config"
+        path.write_text(json.dumps(odd))
+        (tmp_path / "ca").write_text("CA")
+        try:
+            list(load(path).credentials().headers(fresh=False))
+        except UserError:
+            refused += 1
+    assert refused > 50
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    """Nothing may ever be written to it."""
+    os.mkfifo(tmp_path / "config")
+    with pytest.raises(UserError, match="is a pipe"):
+        load(tmp_path / "config")

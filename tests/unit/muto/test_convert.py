@@ -93,3 +93,53 @@ def test_chains_have_a_limit(
     Path("stacks.json").write_text(json.dumps(stacks))
     code, _, errors = convert(capsys, "org:0")
     assert (code, "more than 50 stacks refer to each other" in errors) == (2, True)
+
+
+TALKER = {"name": "talker", "pkg": "p", "exec": "talker"}
+
+
+def test_a_reference_that_several_files_have_can_be_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The message has both ways to do that; files with the same content need no choice."""
+    monkeypatch.chdir(tmp_path)
+    Path("whole.json").write_text(json.dumps({"stack": [{"thingId": "org:base"}]}))
+    for file, program in (("a.json", "one"), ("b.json", "two")):
+        base = {"stackId": "org:base", "node": [{**TALKER, "exec": program}]}
+        Path(file).write_text(json.dumps(base))
+    code, _, errors = convert(capsys, "whole.json")
+    assert code == 2
+    assert "--reference org:base=a.json" in errors
+    assert '`references: {"org:base": a.json}`' in errors
+    code, text, _ = convert(capsys, "whole.json", "--reference", "org:base=b.json")
+    assert (code, "executable: two" in text) == (0, True)
+    assert convert(capsys, "whole.json", "--reference", "org:base=whole.json")[0] == 2
+    Path("b.json").write_text(Path("a.json").read_text())
+    assert convert(capsys, "whole.json")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "distro"),
+    [
+        ({}, "jazzy"),
+        ({"param": [{"name": "a", "value": "1"}]}, "noetic"),
+        ({"node": [{**TALKER, "pkg": "nodelet", "exec": "nodelet", "args": "manager"}]}, "noetic"),
+        ({"composable": [{"name": "c", "package": "p", "executable": "e", "node": []}]}, "jazzy"),
+    ],
+)
+def test_the_ros_of_a_stack_is_that_of_what_is_in_it(
+    more: dict[str, object],
+    distro: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where nothing in it decides, ROS 2 is assumed, with a warning and a comment."""
+    monkeypatch.chdir(tmp_path)
+    Path("stack.json").write_text(json.dumps({"node": [TALKER], **more}))
+    code, text, warnings = convert(capsys, "stack.json")
+    assert (code, f"distro: {distro}" in text) == (0, True)
+    assumed = "nothing in this stack says for which ROS it is"
+    assert (assumed in text, assumed in warnings) == (not more, not more)
+    code, text, warnings = convert(capsys, "stack.json", "--distro", "humble")
+    assert ("distro: humble" in text, assumed in warnings) == (True, False)

@@ -15,7 +15,6 @@ from rigel_k8s.commands import rigelfiles
 from rigel_k8s.errors import UserError
 from rigel_k8s.settings import Settings
 from rigel_muto import commands as muto
-from rigel_muto.converting import Target
 from rigel_muto.options import Muto
 
 from .shapes import FOLDER
@@ -64,11 +63,11 @@ def test_a_mutated_stack_is_converted_or_refused(
     for _ in range(25):
         Path("stack.json").write_text(json.dumps(mutate(STACKS[stack], chance)))
         try:
-            made = muto.convert(Muto(stack="stack.json"), Target())
+            made = muto.convert(Muto(stack="stack.json"))
         except UserError:
             continue
         converted += 1
-        assert made == muto.convert(Muto(stack="stack.json"), Target())
+        assert made == muto.convert(Muto(stack="stack.json"))
         Path("Rigelfile").write_text(made.text)
         result = rigelfiles.check(Settings(rigelfile=Path("Rigelfile")))
         assert not result.errors, result.render_findings()

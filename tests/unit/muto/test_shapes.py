@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from rigel_muto import commands as muto
-from rigel_muto.converting import Target
 from rigel_muto.opening import open_stack
 from rigel_muto.options import Muto
 from rigel_muto.remarks import Remark
@@ -71,7 +70,7 @@ def test_check_and_render_know_each_pod(
     files = tmp_path / "cars"
     shutil.copytree(CARS, files)
     monkeypatch.chdir(files)
-    text = muto.convert(Muto(stack=f"{name}.json"), Target("robot:1")).text
+    text = muto.convert(Muto(stack=f"{name}.json"), "robot:1").text
     converted, option = files / "Rigelfile.converted", files / "Rigelfile"
     converted.write_text(text)
     option.write_text(text.partition("      nodes:\n")[0] + f"      muto: {name}.json\n")

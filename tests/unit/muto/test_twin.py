@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import ssl
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -259,3 +261,32 @@ def test_certificate_authorities_are_loaded_once(
         twin.find(name)
     assert len(ditto.requests) == 2
     assert len(loaded) == 1
+
+
+@pytest.mark.parametrize("part", ["head", "body", "endless body"])
+def test_a_ditto_that_sends_one_byte_after_the_other_is_not_waited_for(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither of head and body; each byte would begin a new wait of five seconds."""
+    monkeypatch.setattr(http, "DEADLINE", 0.6)
+    head = b"HTTP/1.1 200 OK\r\n"
+    length = b"" if part == "endless body" else b"Content-Length: 1000\r\n"
+
+    def drip(exchange: Exchange) -> None:
+        exchange.close_connection = True
+        text = b"x" * 1000
+        if part == "head":
+            text = head + text
+        else:
+            exchange.wfile.write(head + length + b"\r\n")
+        with suppress(OSError):
+            for one in text:
+                exchange.wfile.write(bytes([one]))
+                time.sleep(0.1)
+
+    began = time.monotonic()
+    with serving(drip) as server:
+        twin = Twin(server.url, Access(), {}, {})
+        with pytest.raises(RigelK8sError, match=r"did not answer within 0\.6 s"):
+            twin.find("org:base")
+        assert time.monotonic() - began < 3

@@ -36,4 +36,4 @@ def test_no_network_is_mode_none() -> None:
 
 def test_only_what_multus_attaches_is_attached() -> None:
     """Readiness waits for the second interface, and Multus is installed, in these modes alone."""
-    assert [m.name for m in MODES.values() if m.attached] == ["macvlan", "ipvlan", "attachment"]
+    assert [m.name for m in MODES.values() if m.attached] == ["macvlan", "attachment"]

@@ -19,7 +19,7 @@ def plan(told: Network | str | None, release: str = "demo", ros: str = "2") -> N
     )
 
 
-@pytest.mark.parametrize("mode", ["macvlan", "ipvlan", "attachment", "host"])
+@pytest.mark.parametrize("mode", ["macvlan", "attachment", "host"])
 def test_where_laptops_are_the_domain_is_theirs(mode: str) -> None:
     """A laptop on the same Ethernet uses domain 0 unless told, and so do pods on it."""
     assert plan(mode).domain_id == 0

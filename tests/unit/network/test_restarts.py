@@ -48,7 +48,6 @@ def test_nobody_restarts_because_a_neighbour_comes(network: Any, distro: str) ->
     [
         (MACVLAN, {**MACVLAN, "subnet": "10.21.0.0/24"}),
         (MACVLAN, {**MACVLAN, "interface": "eth1"}),
-        (MACVLAN, {**MACVLAN, "mode": "ipvlan"}),
         (MACVLAN, {**MACVLAN, "mtu": 1400}),
         (MACVLAN, {**MACVLAN, "domain_id": 3}),
         ({"mode": "peers"}, {"mode": "peers", "peers": ["robot"]}),

@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import attrs
 import pytest
 
-from rigel_k8s.rigelfile import check_file
-from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
+from rigel_k8s.rigelfile import Finding, check_file
+from rigel_k8s.rigelfile.limits import EXPRESSION_SECONDS, MOST_SUGGESTIONS
 
 #: Seconds of the processor and bytes of memory, above what the worst file takes: 2 s, 200 MB.
 SECONDS, BYTES = 6, 400 * 2**20
+Resolve = Callable[[str, str], Any]
 HEAD = "application: {distro: noetic}\n"
 DEPLOY = """\
 jobs:
@@ -113,6 +118,7 @@ FILES = {
     + "]}}}\n",
     "one long line of mistakes": HEAD
     + f"jobs: {{{', '.join(f'{{a{n}: {{}}}}: x' for n in range(9000))}}}\n",
+    "long command lines": HEAD + DEPLOY.replace("[b]", "a" * 3_000_000) % "",
     "many servers": HEAD
     + "jobs:\n  d:\n    plugin: rigel_k8s.OrchestrationPlugin\n    with:\n      deployment_name: d\n"
     + "      ros: 2\n      network: {mode: discovery-server, servers: 2147483647}\n"
@@ -215,6 +221,50 @@ def test_expressions_that_would_take_everything(looker: Looker, tmp_path: Path) 
     for text in EXPRESSIONS:
         file.write_text(expression(text))
         looker.expect_end(file, "check")
+
+
+SLOW = expression("('a' * 40 ~ 'b') | regex_replace('(a+)+$', '')")
+
+
+def test_expressions_that_take_too_long_end_the_check(tmp_path: Path, resolve: Resolve) -> None:
+    """One error at the expression that was being computed, whatever else is wrong with the file."""
+    file = tmp_path / "Rigelfile"
+    file.write_text(SLOW + "wrong: 1\n")
+    began = time.process_time()
+    (found,) = check_file(file, {}, resolve).findings
+    assert time.process_time() - began < 2 * EXPRESSION_SECONDS
+    assert found.kind == "too-large"
+    assert found.message == (
+        "the expressions of this file take too long; the check stopped at this one"
+    )
+    assert SLOW.splitlines()[found.span.line - 1][found.span.column - 1 :].startswith('"{{')
+
+
+def test_in_a_thread_the_time_is_checked_between_expressions(
+    tmp_path: Path, resolve: Resolve
+) -> None:
+    """Rigel 0.3 runs jobs in threads, which no signal reaches."""
+    file = tmp_path / "Rigelfile"
+    one = "{{ ('a' * 21 ~ 'b') | regex_replace('(a+)+$', '') }}"
+    lines = [f'  v{number}: "{one}"\n' for number in range(200)]
+    file.write_text(HEAD + "vars:\n" + "".join(lines) + "jobs: {}\n")
+    found: list[Finding] = []
+    thread = threading.Thread(target=lambda: found.extend(check_file(file, {}, resolve).findings))
+    thread.start()
+    thread.join(60)
+    assert [one.kind for one in found] == ["too-large"]
+    assert 3 < found[0].span.line < 203
+
+
+def test_an_expression_may_not_fill_the_memory(tmp_path: Path, resolve: Resolve) -> None:
+    """One error at its place; the check goes on, and so does the process."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    file = tmp_path / "Rigelfile"
+    file.write_text(HEAD + 'vars: {a: "{{ \'a\' * 10**9 }}", b: "{{ vars.none }}"}\njobs: {}\n')
+    found = [one.message for one in check_file(file, {}, resolve).findings]
+    assert "'a' * 10**9 needs too much memory" in found
+    assert len(found) == 2
+    assert resource.getrlimit(resource.RLIMIT_AS) == limits
 
 
 def test_paths_that_are_no_files(looker: Looker, tmp_path: Path) -> None:

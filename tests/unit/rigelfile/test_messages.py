@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.jobs import registry
-from rigel_k8s.rigelfile import CheckResult, Finding, Source, Span, check_file, render, rigel03
+from rigel_k8s.rigelfile import CheckResult, Finding, Source, Span, check_file, render
 
 HERE = Path(__file__).parent
 ENVIRON = {"REGISTRY": "localhost:5000", "WORD": "ten", "BASE_IMAGE": "ros:noetic"}
@@ -62,17 +62,6 @@ def test_a_good_file_is_clean(file: Path, resolver: Callable[[str, str], Any]) -
     result = check_file(file, ENVIRON, resolver)
     assert result.render_findings() == []
     assert result.rigelfile is not None
-
-
-@pytest.mark.parametrize("file", files("rigel03"))
-def test_what_rigel_reads_otherwise_is_told(
-    file: Path,
-    update_golden: bool,  # noqa: FBT001 - a fixture
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of what we take, what Rigel 0.3 refuses is an error, what it reads otherwise a warning."""
-    monkeypatch.chdir(file.parent)
-    compare(rigel03(Path(file.name), ENVIRON), file.with_suffix(".out"), update=update_golden)
 
 
 def test_eight_kinds_of_mistake_are_told_at_once(resolver: Callable[[str, str], Any]) -> None:

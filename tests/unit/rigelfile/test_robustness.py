@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.rigelfile import check_file, rigel03
+from rigel_k8s.rigelfile import check_file
 
 FILES = sorted(Path(__file__).parent.glob("*/*.Rigelfile"))
 PIECES = [
@@ -37,6 +37,6 @@ def test_broken_files(seed: int, tmp_path: Path, resolve: Callable[[str, str], A
     texts = [text for text in (f.read_text() for f in FILES) if len(text) < 3000]
     for _ in range(100):
         file.write_text(broken(chance.choice(texts), chance))
-        for result in (check_file(file, {}, resolve), rigel03(file, {})):
-            assert all(finding.span.line > 0 for finding in result.findings)
-            assert len(result.render_findings()) == len(result.findings)
+        result = check_file(file, {}, resolve)
+        assert all(finding.span.line > 0 for finding in result.findings)
+        assert len(result.render_findings()) == len(result.findings)

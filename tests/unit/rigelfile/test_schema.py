@@ -11,7 +11,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from rigel_k8s.jobs import registry
-from rigel_k8s.rigelfile import STARTERS, check_file, reference, rigel03, schema
+from rigel_k8s.rigelfile import STARTERS, check_file, reference, schema
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -106,7 +106,6 @@ def test_our_own_rigelfiles_are_clean(
     environ = {"REGISTRY": "localhost:5000", "BASE_IMAGE": "ros:noetic"}
     assert check_file(file, environ, resolve).render_findings() == []
     assert errors(real, yaml.safe_load(text)) == []
-    assert rigel03(file, environ).render_findings() == []
 
 
 def test_the_reference_is_up_to_date(update_golden: bool) -> None:  # noqa: FBT001 - a fixture

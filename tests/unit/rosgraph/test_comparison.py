@@ -123,6 +123,16 @@ def test_a_new_problem_is_worse_and_an_old_one_is_not(broken: Any, line: str) ->
     assert worse(bad, graph("/lidar")) == []
 
 
+def test_problems_of_removed_nodes_and_of_tools_are_no_news() -> None:
+    """A removed node may linger without answering, and so may a tool that a person has started."""
+    before = graph("/base", "/lidar")
+    broken = {"up": False}
+    assert worse(before, graph("/base", node("/lidar", **broken)), "/lidar") == []
+    tool = node("/rostopic_42_1700000000000", **broken)
+    assert worse(before, graph("/base", "/lidar", tool)) == []
+    assert worse(before, graph("/base", node("/lidar", **broken))) == ["/lidar does not answer"]
+
+
 def test_a_node_that_was_not_there_before_is_not_missed() -> None:
     before = graph(node("/lidar", registered=False, up=False), "/planner")
     assert worse(before, graph("/planner")) == []
@@ -295,6 +305,7 @@ def test_the_pods_name_in_a_nodes_is_no_part_of_it() -> None:
         ("/rviz", False),
         ("/rosbridge_websocket", False),
         ("/play_2", False),
+        ("/rostopic_42_1700000000000", True),  # a small process id, as in a pod
     ],
 )
 def test_tools_are_known_by_the_names_they_make(name: str, tool: bool) -> None:  # noqa: FBT001

@@ -73,7 +73,7 @@ COMPLETION = {"_RIGEL_K8S_COMPLETE": "bash_complete", "COMP_WORDS": "rigel-k8s r
 @pytest.mark.parametrize(
     "words",
     [
-        *(["check"], ["check", "--rigel03"], ["render"], ["render", "own"], ["status"]),
+        *(["check"], ["render"], ["render", "own"], ["status"]),
         *(["run", "job", "own"], ["run", "sequence", "all"], ["schema"]),
     ],
     ids=" ".join,

@@ -73,8 +73,8 @@ class Scene:
 
 @pytest.fixture
 def scene(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
-    monkeypatch.setattr(module, "GRAPH_CALM", 0.05)
-    monkeypatch.setattr(module, "HEARTBEAT", 0.05)
+    monkeypatch.setattr("rigel_k8s.ui.graphs.CALM", 0.05)
+    monkeypatch.setattr("rigel_k8s.ui.contact.HEARTBEAT", 0.05)
     made = Scene(fake)
     yield made
     if made.live:

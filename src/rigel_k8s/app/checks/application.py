@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import date
 from typing import Any
 
 import attrs
@@ -24,7 +25,7 @@ from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.parameters import check_global_parameters
 from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.desired import deploys_master
-from rigel_k8s.app.distros import guess_distro, ros_of
+from rigel_k8s.app.distros import find_end, guess_distro, is_ros1, ros_of
 from rigel_k8s.app.gate import has_gate
 from rigel_k8s.app.globalparameters import list_keys, setter_name
 from rigel_k8s.app.networkpolicy.checks import check_network_policy
@@ -40,6 +41,7 @@ from rigel_k8s.app.updating import (
     requests_hand_over,
     share,
 )
+from rigel_k8s.distros import CURRENT
 from rigel_k8s.objects.naming import Ros, object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
 from rigel_k8s.objects.pods import MASTER_NAME
@@ -65,7 +67,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     """Yield what is wrong, and what works differently than it looks."""
     ros = ros_of(distro, options.ros)
     if options.ros is None:
-        yield from check_distro(distro)
+        yield from check_distro(distro, date.today())
     yield from check_master(options, ros)
     yield from check_network(options, ros, distro)
     yield from check_security(options)
@@ -91,8 +93,15 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
         yield from (problem.under(path) for problem in problems)
 
 
-def check_distro(distro: str) -> Iterator[Problem]:
-    """Yield a distribution that is probably misspelt; a user's own is not an error."""
+def check_distro(distro: str, today: date) -> Iterator[Problem]:
+    """Yield a distribution that is past its end, or probably misspelt; one's own is no error."""
+    if end := find_end(distro, today):
+        newer = "noetic" if is_ros1(distro) else CURRENT
+        message = (
+            f"application.distro: support for {distro} ended on {end}: it gets no security updates,"
+            f" and its packages disappear; move to {newer}"
+        )
+        yield Problem((), message, "ended-distro", severity="warning")
     if name := guess_distro(distro):
         message = (
             f'application.distro: unknown distro "{distro}", did you mean "{name}"?'

@@ -18,7 +18,7 @@ from rigel_k8s.problems import Problem
 
 MISSING = (
     "no `network`: on most clusters nodes on different machines will not find each other, since pod"
-    " networks carry no multicast; set network: macvlan, ipvlan, attachment, peers,"
+    " networks carry no multicast; set network: macvlan, attachment, peers,"
     " discovery-server, zenoh or host, or none if it is known to work"
 )
 

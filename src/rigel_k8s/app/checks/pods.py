@@ -134,7 +134,7 @@ def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[
 
 def check_count(network: Network, pods: int) -> Iterator[Problem]:
     """Yield that there are more pods than addresses."""
-    pool = pool_of(network) if network.ipam != "dhcp" else None
+    pool = pool_of(network)
     if pool is not None and pods > len(pool):
         narrow = "range_end" if network.range_end else "subnet"
         message = f"the range has {len(pool)} addresses, but {pods} pods need one: widen the range"

@@ -23,7 +23,6 @@ __all__ = ["MODES", "join", "mode_of", "network_objects", "wire_pod"]
 #: Each mode's module in this package and its name there, in the order of the documentation.
 HOMES = {
     "macvlan": "attached:MACVLAN",
-    "ipvlan": "attached:IPVLAN",
     "attachment": "attached:ATTACHMENT",
     "peers": "peers:PEERS",
     "discovery-server": "discovery_server:DISCOVERY_SERVER",

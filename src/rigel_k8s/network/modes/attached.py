@@ -1,4 +1,4 @@
-"""Modes with a second interface by Multus: macvlan, ipvlan, and an existing attachment."""
+"""Modes with a second interface by Multus: macvlan, and an existing attachment."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def definition(plan: NetworkPlan, network: Network) -> Object:
 
 
 def plugin(name: str, network: Network) -> dict[str, Any]:
-    """Return the configuration of the macvlan or ipvlan plugin."""
+    """Return the configuration of the macvlan plugin."""
     static = {"capabilities": {"ips": True}} if network.ipam == "static" else {}
     return drop_empty(
         {
@@ -74,7 +74,7 @@ def plugin(name: str, network: Network) -> dict[str, Any]:
             "name": name,
             "type": network.mode,
             "master": network.interface,
-            "mode": "bridge" if network.mode == "macvlan" else "l2",
+            "mode": "bridge",
             "mtu": network.mtu and int(network.mtu),
             **static,
             "ipam": ipam(network),
@@ -90,9 +90,7 @@ def ipam(network: Network) -> dict[str, Any]:
         return drop_empty({"type": kind, **whereabouts_range(network), **routes})
     if kind == "host-local":
         return drop_empty({"type": kind, "ranges": [host_local_ranges(network)], **routes})
-    if kind == "static":
-        return drop_empty({"type": kind, **routes})
-    return {"type": kind}
+    return drop_empty({"type": kind, **routes})
 
 
 def whereabouts_range(network: Network) -> dict[str, Any]:
@@ -185,7 +183,7 @@ def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
 def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield required keys that are missing, and an IPAM that the mode does not support."""
     own = network.mode != "attachment"
-    ranged = network.ipam != "dhcp" if own else network.ipam == "static"
+    ranged = own or network.ipam == "static"
     needed = {
         "interface": (own, "the machines' interface, such as eth0"),
         "subnet": (ranged, "the addresses to give out"),
@@ -198,9 +196,6 @@ def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     if network.attachment is not None and not REFERENCE.fullmatch(network.attachment):
         message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
         yield Problem(("network", "attachment"), message, "bad-name")
-    if network.mode == "ipvlan" and network.ipam == "dhcp":
-        message = "interfaces of ipvlan share one MAC address, so a DHCP server takes them for one"
-        yield Problem(("network", "ipam"), message, "wrong-mode")
     if not own and network.ipam not in (None, "static"):
         message = "the existing attachment decides who gives out addresses: leave it out"
         yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
@@ -229,5 +224,4 @@ MACVLAN = Mode(
     multicast=True,
     answers=True,
 )
-IPVLAN = attrs.evolve(MACVLAN, name="ipvlan")
 ATTACHMENT = attrs.evolve(MACVLAN, name="attachment", keys=RANGES | {"attachment"})

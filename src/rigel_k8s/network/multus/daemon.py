@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from rigel_k8s.network.multus.leases import DHCP_CONTAINER
 from rigel_k8s.network.multus.machines import (
     Machines,
     bringer,
@@ -30,21 +29,6 @@ SOCKETS = "/run/rigel-network"
 SOCKET_DIR = f"{SOCKETS}/multus"
 HOST_ROOT = "/hostroot"
 
-DHCP_SOCKET = "/run/cni/dhcp.sock"
-#: Starts CNI's DHCP daemon (the only argument is its program) unless the machine runs one already:
-#: that one has leases, and could not be called without its socket. The kernel's list has only
-#: sockets of running programs; a file that an ended one left keeps the next one from listening.
-DHCP = f"""\
-until [ -x "$1" ]; do echo "waiting for $1"; sleep 2; done
-while :; do
-  case "$(cat /proc/net/unix)" in *" {DHCP_SOCKET}"*) ;; *) break ;; esac
-  echo "a DHCP daemon that is not of this pod listens at {DHCP_SOCKET}"
-  sleep 10
-done
-rm -f {HOST_ROOT}{DHCP_SOCKET}
-exec chroot {HOST_ROOT} "$1" daemon
-"""
-
 #: Directories of the machine that the daemon looks into: those of pods' networks (the runtime's),
 #: of what it has attached, and of devices that pods were given.
 DIRECTORIES = {
@@ -56,14 +40,13 @@ DIRECTORIES = {
 
 
 def multus_daemon(
-    machines: Machines, script: Object, image: str, plugins_image: str | None, *, dhcp: bool
+    machines: Machines, script: Object, image: str, plugins_image: str | None
 ) -> tuple[Object, Object]:
     """Return the daemon's ConfigMap and DaemonSet for the machines of one platform.
 
     Args:
         script: the ConfigMap with machine.sh.
         plugins_image: brings standard CNI programs that are missing there; None: none is missing.
-        dhcp: whether CNI's DHCP daemon runs too.
     """
     config = config_map(
         machines.name_object("rigel-multus-config"),
@@ -73,7 +56,7 @@ def multus_daemon(
         "PROGRAMS": "multus-shim passthru",
         "SOURCE": PROGRAMS,
         "GENERATED": GENERATED,
-        "NEEDED": "macvlan static dhcp" if dhcp else "macvlan static",
+        "NEEDED": "macvlan static",
     }
     mounts = [mount("generated", GENERATED, read_only=True)]
     pod = {
@@ -82,7 +65,6 @@ def multus_daemon(
         "containers": [
             _daemon(machines, image),
             keeper(machines, "multus", image, env, mounts),
-            *([_dhcp(machines, image)] if dhcp else []),
         ],
         "volumes": [*volumes(machines), *_volumes(config["metadata"]["name"])],
     }
@@ -131,28 +113,6 @@ def _daemon(machines: Machines, image: str) -> Object:
                 mount(n, path, mountPropagation="HostToContainer")
                 for n, path in DIRECTORIES.items()
             ),
-        ],
-    }
-
-
-def _dhcp(machines: Machines, image: str) -> Object:
-    """Return the container that keeps the leases of attachments with `ipam: dhcp`.
-
-    The machine's own program runs, in the machine's root, since its callers do so too.
-    """
-    listens = {"exec": {"command": ["/bin/sh", "-c", f"test -S {HOST_ROOT}{DHCP_SOCKET}"]}}
-    return {
-        "name": DHCP_CONTAINER,
-        "image": image,
-        "imagePullPolicy": "IfNotPresent",
-        "command": ["/bin/sh", "-c", DHCP, "dhcp", f"{machines.platform.bin_dir}/dhcp"],
-        "resources": {"requests": {"cpu": "5m", "memory": "16Mi"}, "limits": {"memory": "128Mi"}},
-        "securityContext": {"privileged": True},
-        "startupProbe": {**listens, "periodSeconds": 1, "failureThreshold": 180},
-        "terminationMessagePolicy": "FallbackToLogsOnError",
-        "volumeMounts": [
-            *root_mounts(machines.platform, read_only=True),
-            mount("machine", HOST_ROOT, mountPropagation="HostToContainer"),
         ],
     }
 

@@ -104,13 +104,7 @@ def _objects(installation: Installation, text: str) -> Iterator[Object]:
     for machines in machines_of(installation):
         if installation.multus:
             plugins = installation.plugins_image(machines)
-            yield from multus_daemon(
-                machines,
-                script,
-                installation.multus_image,
-                plugins,
-                dhcp=bool(installation.options.dhcp),
-            )
+            yield from multus_daemon(machines, script, installation.multus_image, plugins)
         if installation.whereabouts:
             yield address_keeper(machines, script, installation.whereabouts_image)
 

@@ -179,10 +179,7 @@ def install_requested_by(network: Network | None) -> Install | None:
     """Return the installation that a network requests; only modes with Multus can."""
     if network is None or network.install is None or not mode_of(network).attached:
         return None
-    requested = network.install
-    if network.ipam == "dhcp" and requested.dhcp is None:
-        return attrs.evolve(requested, dhcp=True)
-    return requested
+    return network.install
 
 
 def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:

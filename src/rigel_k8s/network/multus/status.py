@@ -11,10 +11,8 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.install import marks_of
 from rigel_k8s.network.multus.installation import Found, MultusPresence, complete_options, find
 from rigel_k8s.network.multus.interfaces import Missing, find_without_interface
-from rigel_k8s.network.multus.leases import Unkept, find_unkept
 from rigel_k8s.network.multus.proving import find_proven
 from rigel_k8s.network.options import Install
-from rigel_k8s.network.preflight.attachments import API, KIND
 from rigel_k8s.objects.facts import is_ready, stays_ready
 
 Object = Mapping[str, Any]
@@ -60,19 +58,17 @@ class NetworkStatus:
         multus: None if it is not installed.
         whereabouts: None if it is not installed.
         missing: running pods without a network that they request.
-        unkept: running pods with DHCP leases that are no longer renewed.
     """
 
     multus: PartStatus | None
     whereabouts: PartStatus | None
     nodes: tuple[NodeStatus, ...]
     missing: tuple[Missing, ...]
-    unkept: tuple[Unkept, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether every machine that is up attaches pods, and no pod misses a network or lease."""
-        if self.multus is None or self.whereabouts is None or self.missing or self.unkept:
+        """Whether every machine that is up attaches pods, and no pod misses a network."""
+        if self.multus is None or self.whereabouts is None or self.missing:
             return False
         return all(n.multus and n.whereabouts for n in self.nodes if n.up)
 
@@ -92,14 +88,7 @@ def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
         _describe_part(found.whereabouts),
         tuple(_nodes(found, ready, good)),
         tuple(find_without_interface(pods)),
-        tuple(find_unkept(pods, _pods_of(found.multus, pods), _attachments(cluster))),
     )
-
-
-def _attachments(cluster: Cluster) -> list[dict[str, Any]]:
-    if not cluster.serves(API, KIND):
-        return []
-    return cluster.list(API, KIND)
 
 
 def _describe_part(part: MultusPresence | None) -> PartStatus | None:

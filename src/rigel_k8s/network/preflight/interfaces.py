@@ -130,8 +130,7 @@ def _check_wireless(one: Attachment, i: Interface, which: str) -> Iterator[Probl
         yield INTERFACE_WIRELESS.problem(
             f"{which} is wireless: access points drop packets from macvlan's additional MAC"
             " addresses",
-            "use `mode: ipvlan`, which keeps the machine's MAC address (not with `ipam: dhcp`), or"
-            " `mode: peers` or `discovery-server`, which need no second network",
+            "use `mode: peers` or `discovery-server`, which need no second network",
         )
 
 

@@ -55,9 +55,6 @@ for b in "$@"; do
     for p in "$b"/*; do if there "$p"; then echo "${p##*/}"; fi; done
   fi
 done
-if [ -n "$root" ]; then
-  echo @dhcp; if [ -S "$root/run/cni/dhcp.sock" ]; then echo yes; else echo no; fi
-fi
 if c=$(zcat /proc/config.gz 2>/dev/null | grep -E 'CONFIG_(MACVLAN|IPVLAN)[= ]'); then
   echo @kernel; echo "$c"
 fi
@@ -101,7 +98,6 @@ class MachineFacts:
 
     Attributes:
         programs: directory -> its CNI programs; empty if no directory could be read.
-        dhcp: whether the dhcp program's daemon listens; None: unknown.
         kernel: macvlan, ipvlan -> whether this kernel has it; left out if unknown.
     """
 
@@ -109,7 +105,6 @@ class MachineFacts:
     routes: tuple[Route, ...] = ()
     addresses: frozenset[Address] = frozenset()
     programs: Mapping[str, frozenset[str]] = attrs.field(factory=dict)
-    dhcp: bool | None = None
     kernel: Mapping[str, bool] = attrs.field(factory=dict)
 
     @property
@@ -140,7 +135,6 @@ def parse(text: str) -> MachineFacts:
             [*_addresses(sections["addresses"]), *_addresses6(sections["addresses6"])]
         ),
         programs=directories,
-        dhcp=sections["dhcp"] == ["yes"] if "dhcp" in sections else None,
         kernel=dict(_kernel(sections.get("kernel", []))),
     )
 

@@ -52,12 +52,6 @@ KERNEL = PreflightKind(
     "cluster",
     "`/proc/config.gz`, if the kernel has it",
 )
-DHCP_DAEMON = PreflightKind(
-    "dhcp-daemon",
-    "`ipam: dhcp`, and no process listens at `/run/cni/dhcp.sock`",
-    "cluster",
-    "the machine's socket",
-)
 
 
 def presence(case: Case) -> Iterator[Problem]:
@@ -110,7 +104,6 @@ def programs(case: Case) -> Iterator[Problem]:
     for one in case.attachments:
         yield from _check_programs(case, one)
         yield from _check_kernel(case, one)
-        yield from _check_dhcp(case, one)
 
 
 def _check_programs(case: Case, one: Attachment) -> Iterator[Problem]:
@@ -147,22 +140,5 @@ def _check_kernel(case: Case, one: Attachment) -> Iterator[Problem]:
         yield KERNEL.problem(
             f"the kernel of {list_some(nodes)} was built without {one.program}",
             f"install a kernel with CONFIG_{one.program.upper()},"
-            f" or use another `network.mode`: {_suggest_other(one.program)}",
-        )
-
-
-def _suggest_other(program: str) -> str:
-    return "macvlan or peers" if program == "ipvlan" else "ipvlan or peers"
-
-
-def _check_dhcp(case: Case, one: Attachment) -> Iterator[Problem]:
-    if one.ipam != "dhcp":
-        return
-    nodes = [node for node, facts in case.machines(one) if facts.dhcp is False]
-    if nodes:
-        yield DHCP_DAEMON.problem(
-            f"the daemon of the CNI program dhcp does not run on {list_some(nodes)}"
-            " (nothing listens at /run/cni/dhcp.sock)",
-            "run `rigel network install --dhcp`, set `network: {install: true}`, or use `ipam:"
-            " whereabouts`",
+            " or use `mode: peers` or `discovery-server`",
         )

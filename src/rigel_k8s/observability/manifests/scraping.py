@@ -17,6 +17,8 @@ KUBE_STATE_METRICS = "kube-state-metrics"
 NODE_EXPORTER = "node-exporter"
 INTERVAL = "15s"
 TOKEN = "/var/run/secrets/kubernetes.io/serviceaccount/token"
+#: One pod must not fill Prometheus; the ROS exporter's own limits are far below these.
+LIMITS = {"sample_limit": 20_000, "label_value_length_limit": 1024, "body_size_limit": "16MB"}
 #: Metrics of cAdvisor that are kept: those of containers, pods' networks, and whole machines.
 SLICES = {
     "source_labels": ["__name__", "id", "container", "pod"],
@@ -76,6 +78,7 @@ def _jobs(stack: Stack) -> Iterator[Object]:
         "job_name": "pods",
         # The exporter's metrics have the labels of nodes; its own pod's must not replace them.
         "honor_labels": True,
+        **LIMITS,
         "kubernetes_sd_configs": [{"role": "pod"}],
         "relabel_configs": [*keep_annotated(), *contract()],
     }

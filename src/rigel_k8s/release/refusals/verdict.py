@@ -13,6 +13,7 @@ from rigel_k8s.errors import ConflictError, UserError
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.text import plural
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.refusals.admission import (
@@ -82,7 +83,8 @@ def check(survey: Survey, *, adopt: bool) -> None:
         raise error
     if lines := [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]:
         raise ConflictError(
-            f"{len(lines)} object(s) of {survey.desired.release.name} are managed by others; "
+            f"{plural(len(lines), 'object')} of {survey.desired.release.name}"
+            f" {'is' if len(lines) == 1 else 'are'} managed by others; "
             "nothing was changed",
             hint=ADOPT,
             details=lines,

@@ -40,7 +40,6 @@ CASES = {
     "minikube": on(platform("minikube")),
     "mixed": on(K3S, platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
     "own-images": on(platform("plain"), options=OWN_IMAGES),
-    "dhcp": on(K3S, options=Install(dhcp=True)),
     "others-multus": on(platform("plain"), multus=False),
     "retired": on(platform("plain"), retired=True),
 }

@@ -21,11 +21,6 @@ def second(facts: MachineFacts) -> MachineView:
     return view(machines={"node1": machine(), "node2": facts})
 
 
-def with_kernel(facts: MachineFacts) -> MachineFacts:
-    """A machine whose kernel knows ipvlan, which those here do not."""
-    return attrs.evolve(facts, kernel={})
-
-
 def test_missing_on_one_machine() -> None:
     """The machine is named, and what it has; interfaces of pods are no choice."""
     seen = view(machines={"node1": with_interface("eth1"), "node2": machine()})
@@ -70,17 +65,9 @@ def test_wireless() -> None:
     seen = view(machines={"node1": wireless, "node2": wireless})
     assert texts(found(nad(master="wlan0"), workload(), seen=seen)) == [
         "error rigelfile interface-wireless: wlan0 of node1, node2 is wireless: access points"
-        " drop packets from macvlan's additional MAC addresses => use `mode: ipvlan`, which"
-        " keeps the machine's MAC address (not with `ipam: dhcp`), or `mode: peers` or"
+        " drop packets from macvlan's additional MAC addresses => use `mode: peers` or"
         " `discovery-server`, which need no second network"
     ]
-
-
-def test_ipvlan_works_over_wireless() -> None:
-    """ipvlan has the machine's own MAC address, so nothing is said against it."""
-    facts = with_kernel(with_interface("wlan0", wireless=True))
-    seen = view(machines={"node1": facts, "node2": facts})
-    assert found(nad(type="ipvlan", master="wlan0"), workload(), seen=seen) == []
 
 
 def test_no_ethernet() -> None:

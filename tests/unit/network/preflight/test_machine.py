@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 from ipaddress import ip_address, ip_network
 from pathlib import Path
@@ -41,7 +40,6 @@ def test_a_recorded_machine_is_read() -> None:
     assert ip_address("127.0.0.1") not in facts.addresses
     assert {"macvlan", "static", "whereabouts"} <= facts.programs["/opt/cni/bin"]
     assert facts.kernel == {"macvlan": True, "ipvlan": False}
-    assert facts.dhcp is False
 
 
 def test_half_an_answer_is_none() -> None:
@@ -93,19 +91,6 @@ def test_links_out_of_sight_are_believed(k3s: Path) -> None:
     facts = parse(run("", directory))
     expected = {"bridge", "host-local", "macvlan", "gone"}
     assert facts.programs == {directory: frozenset(expected)}
-
-
-def test_the_dhcp_daemon_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A socket at /run/cni/dhcp.sock is the dhcp daemon; a file there is not."""
-    directory = tmp_path / "run/cni"
-    directory.mkdir(parents=True)
-    (directory / "dhcp.sock").touch()
-    assert parse(run(str(tmp_path))).dhcp is False
-    (directory / "dhcp.sock").unlink()
-    monkeypatch.chdir(directory)  # a socket's path must be short
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind("dhcp.sock")
-        assert parse(run(str(tmp_path))).dhcp is True
 
 
 def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:

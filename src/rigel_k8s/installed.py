@@ -1,0 +1,68 @@
+"""What other installed packages add to this one, by entry points.
+
+They are looked up only for a name that this package does not have: reading the lists of all
+installed packages takes longer than a small command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from rigel_k8s.errors import UserError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+#: What a package can add: types of jobs and providers, commands of the command line, and keys of
+#: an orchestration job.
+Group: TypeAlias = Literal[
+    "rigel_k8s.jobs", "rigel_k8s.providers", "rigel_k8s.commands", "rigel_k8s.options"
+]
+_WORDS: Mapping[Group, str] = {
+    "rigel_k8s.jobs": "job type",
+    "rigel_k8s.providers": "provider",
+    "rigel_k8s.commands": "command",
+    "rigel_k8s.options": "option",
+}
+
+
+def list_entries(group: Group) -> tuple[EntryPoint, ...]:
+    """Return all entry points of a group; importing nothing that they name."""
+    from importlib import metadata
+
+    return tuple(metadata.entry_points(group=group))
+
+
+def list_names(group: Group) -> set[str]:
+    """Return the names that installed packages offer."""
+    return {entry.name for entry in list_entries(group)}
+
+
+def find(group: Group, name: str) -> Any:
+    """Return what an installed package offers under a name; None if no package does.
+
+    Raises:
+        UserError: two packages offer it, or it cannot be imported.
+    """
+    entries = {entry.value: entry for entry in list_entries(group) if entry.name == name}
+    if len(entries) > 1:
+        raise UserError(
+            f'two installed packages offer the {_WORDS[group]} "{name}":'
+            f" {', '.join(sorted(entries))}",
+            hint="uninstall one of them, or write the import path of the one you mean",
+        )
+    for entry in entries.values():
+        try:
+            return entry.load()
+        except Exception as error:
+            raise broken_error(_WORDS[group], name, error) from error
+    return None
+
+
+def broken_error(what: str, name: str, error: Exception) -> UserError:
+    """Return the error about code of others that cannot be imported."""
+    return UserError(
+        f"cannot import {what} {name}: {type(error).__name__}: {error}",
+        hint="import it in Python to see the whole traceback",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import json
 import socket
@@ -58,6 +59,14 @@ def test_the_page_and_its_files_are_served(served: Served) -> None:
         200,
         "text/javascript; charset=utf-8",
     )
+
+
+def test_what_others_wrote_is_the_file_that_the_notice_names() -> None:
+    """Unchanged, and the only one."""
+    library = PAGE / "lib"
+    assert {path.name for path in library.iterdir()} == {"viz.js", "NOTICE"}
+    digest = hashlib.sha256((library / "viz.js").read_bytes()).hexdigest()
+    assert digest in (library / "NOTICE").read_text("utf-8")
 
 
 # Without the token.

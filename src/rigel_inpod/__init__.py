@@ -1,9 +1,46 @@
 """Scripts that run inside the application's own containers; they import no other package of ours.
 
-Everything here but this module and `sent/` is mounted from a ConfigMap into every container of an
-application, so that any image can be probed, stopped, entered and looked around in without being
-changed. They need a POSIX sh; the probes a Python 2.7 or 3, those for DDS a Python 3.6, with
-nothing but its standard library. docs/in-pod-scripts.md is their manual.
+They are mounted from a ConfigMap into every container of an application, so that any image can be
+probed, stopped and entered without being changed. They need a POSIX sh, and Python 2.7 or 3
+with its standard library; those marked with 3.6 are for images of ROS 2. README.md has what several
+of them share: stopping, probing, completing a command line.
+
+Probes: the startup and the readiness probe.
+
+ready.sh       finds a Python, and runs one of the next two
+ready.py       ROS 1: are the nodes of this container registered, and do they answer?
+dds_ready.py   DDS and zenoh: do its processes take part, and read what they are sent? (3.6)
+memory.py      what earlier probes found
+progress.py    what a script beside the node has done, for the probe
+container.py   the container's processes and ports
+rosrpc.py      XML-RPC to masters and nodes, quick to start; the exporter uses it too
+
+The DDS check, sent into a pod and not mounted (discovery/looks.py), 3.6:
+
+dds.py         what DDS looks like from inside this pod
+dds_standin.py a participant for a few seconds
+dds_local.py   the container's own participants; mounted for the probe as well
+rtps.py, spdp.py, interfaces.py   the protocol, what participants announce, the network's
+               interfaces; probe and exporter use them too, spdp.py is not mounted
+
+Starting, beside a node, stopping, entering:
+
+start.sh, start.py         complete the command line, with
+substitution.py, rosparameters.py   `$(find ...)`, and parameters of files
+globalparameters.py        sets the job's global parameters
+beside.sh                  starts one of the next four and becomes the node's program
+nodelets.py, components.py load `components` in ROS 1 and 2, with loading.py
+transitions.py             makes the transitions of `lifecycle` (3.6)
+lifecycle.sh, lifecycle.py hand a lifecycle node over (3.6)
+stop.sh                    the preStop hook: SIGINT to every ROS process
+exec.sh, rc.sh             give a command, or an interactive bash, the node's environment
+
+roscore:
+
+roscore.sh, roscore.py     run the image's roscore with more patience and one parameter more
+keep.sh                    starts a roscore that has ended again in the same container
+
+sent/          programs that are sent into a pod with a request, and how
 """
 
 from __future__ import annotations

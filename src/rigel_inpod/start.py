@@ -2,7 +2,7 @@
 
 Why: some arguments and parameters are known only inside the image: the place of a package, the
 content of one of its files, the output of one of its programs.
-Contract: docs/in-pod-scripts.md. Python 2.7 and 3. The options, in any order:
+Contract: README.md beside it. Python 2.7 and 3. The options, in any order:
 
   --substitute           replace $(find P), $(env X) and $(optenv X D) in all that follows
   --env NAME             and in this variable

@@ -38,7 +38,8 @@ deploy shows a cause as the workload's state, and gives up when the cause lasts 
 last column. A cause that passes before becomes a warning. A workload that has no cause and does
 not become ready fails at `--timeout`."""
 
-PROBE = """If the message is a line of the readiness probe, [Probes](probes.md) explains it.
+PROBE = """If the message is a line of the readiness probe,
+[this list](runbooks/RosNodeGone.md#the-lines-of-a-probe) explains it.
 [A robot is offline](offline.md) describes a machine that Kubernetes cannot reach."""
 
 NETWORK = """What [the checks before a deploy](preflight.md) find on the cluster and its

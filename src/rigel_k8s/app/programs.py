@@ -46,12 +46,12 @@ def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
 
 
 def run_beside(command: Command, *words: str) -> Command:
-    """Return a command with an in-pod script that runs next to it; see docs/beside-a-node.md."""
+    """Return a command with an in-pod script that runs next to it; see rigel_inpod/README.md."""
     return wrap(command, "beside.sh", *words, "--")
 
 
 def run_by_lifecycle(command: Command) -> Command:
-    """Return a command whose lifecycle node is handed over; see docs/beside-a-node.md."""
+    """Return a command whose lifecycle node is handed over; see src/rigel_inpod/README.md."""
     return wrap(command, "lifecycle.sh")
 
 

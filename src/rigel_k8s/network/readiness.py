@@ -1,4 +1,4 @@
-"""What the readiness probe of a networked pod checks; docs/probes.md has its contract."""
+"""What the readiness probe of a networked pod checks; rigel_inpod/README.md has its contract."""
 
 from __future__ import annotations
 

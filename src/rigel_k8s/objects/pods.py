@@ -1,6 +1,6 @@
 """What every pod with ROS in it has: probes, the stop hook, in-pod scripts, a place for logs.
 
-The scripts' contract is docs/in-pod-scripts.md.
+The scripts' contract is src/rigel_inpod/README.md.
 """
 
 from __future__ import annotations

@@ -14,10 +14,9 @@ from types import ModuleType
 import pytest
 
 import rigel_inpod
-from rigel_inpod import MOUNT_PATH, scripts
+from rigel_inpod import scripts
 
 ROOM = Path(rigel_inpod.__file__).parent
-MANUAL = Path(__file__).parents[3] / "docs" / "in-pod-scripts.md"
 #: The DDS check: sent with its request (discovery/looks.py), not mounted.
 LOOK = ("dds.py", "dds_standin.py", "spdp.py")
 #: All that runs in an application's container, below this folder.
@@ -135,9 +134,7 @@ def test_contracts():
         assert re.search(r"^(# )?Why: ", text, re.MULTILINE), name
 
 
-def test_manual():
-    """The manual names every script and the place where they are mounted."""
-    manual = MANUAL.read_text()
-    assert MOUNT_PATH in manual
-    missing = [name for name in scripts() if f"`{name}`" not in manual]
+def test_the_house_has_a_map():
+    """The package's docstring names every file of it, mounted or sent."""
+    missing = [name for name in (*scripts(), *LOOK) if name not in (rigel_inpod.__doc__ or "")]
     assert not missing

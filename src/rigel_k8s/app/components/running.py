@@ -1,6 +1,6 @@
 """How a node's components are loaded: a script next to its process, and its input.
 
-The scripts' contract is docs/beside-a-node.md.
+The scripts' contract is src/rigel_inpod/README.md.
 """
 
 from __future__ import annotations

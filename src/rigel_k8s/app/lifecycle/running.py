@@ -1,6 +1,6 @@
 """How the transitions of a lifecycle node are made: a script next to it, and the preStop hook.
 
-Their contract is docs/beside-a-node.md.
+Their contract is src/rigel_inpod/README.md.
 """
 
 from __future__ import annotations

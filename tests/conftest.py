@@ -108,12 +108,18 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Print the time that each lane took, and the skips that nobody expected."""
     spent: dict[str, float] = {}
+    unmarked = set()
     for reports in terminalreporter.stats.values():
         for report in reports:
             if isinstance(report, pytest.TestReport):
                 lane = lane_of(report.nodeid)
                 lane = "tests/unit" if lane.startswith("tests/unit/") else lane
                 spent[lane] = spent.get(lane, 0) + report.duration
+                if any(name == "unmarked" for name, _ in report.user_properties):
+                    unmarked.add(report.nodeid)
+    if unmarked:
+        terminalreporter.section("tests that start programs and are not marked `programs`")
+        terminalreporter.write_line("\n".join(sorted(unmarked)))
     if sum(spent.values()) > MINUTE:
         terminalreporter.section("minutes by lane")
         for lane, seconds in sorted(spent.items(), key=lambda item: -item[1]):

@@ -1,7 +1,9 @@
-"""A cluster in memory on which releases live as on a real one, and a reporter."""
+"""A cluster in memory that behaves like a real one, a reporter, and a note of started programs."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
 
@@ -47,3 +49,29 @@ def state_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
     place = tmp_path_factory.mktemp("state")
     monkeypatch.setenv("XDG_STATE_HOME", str(place))
     return place
+
+
+#: The test that runs now and is not marked `programs`; those that started one all the same.
+_now: list[str] = []
+_unmarked: set[str] = set()
+
+
+def _note_program(event: str, _: object) -> None:
+    if _now and event in ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty"):
+        _unmarked.add(_now[0])
+
+
+sys.addaudithook(_note_program)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Warn of a test without the mark that starts a program: it does not run everywhere."""
+    if not item.get_closest_marker("programs"):
+        _now.append(item.nodeid)
+    try:
+        yield
+    finally:
+        _now.clear()
+    if item.nodeid in _unmarked:
+        item.user_properties.append(("unmarked", "starts a program: mark it `programs`"))

@@ -110,6 +110,7 @@ def test_changed_parameters_start_a_new_pod() -> None:
     assert one == three
 
 
+@pytest.mark.programs
 def test_the_loader_loads_all_files_then_becomes_the_program(tmp_path: Path) -> None:
     """In a real shell: each file, again until the master is there; then it is gone."""
     tools = tmp_path / "bin"
@@ -133,6 +134,7 @@ def test_the_loader_loads_all_files_then_becomes_the_program(tmp_path: Path) -> 
     assert log.read_text().splitlines() == [first, first, f"load {tmp_path}/99-b.yaml /ns/n"]
 
 
+@pytest.mark.programs
 def test_the_loader_says_what_is_missing(tmp_path: Path) -> None:
     """Without rosparam nothing is tried for ever."""
     done = subprocess.run(

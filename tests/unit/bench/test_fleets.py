@@ -9,6 +9,8 @@ import pytest
 from bench.fleets import Outcome, describe
 from bench.measure import CommandFailed, Sample, TooSlow, run
 
+pytestmark = pytest.mark.programs
+
 
 def python(program: str) -> list[str]:
     """Return the command line of a program."""

@@ -25,6 +25,7 @@ HEAVY = (
 )
 
 
+@pytest.mark.programs
 def test_help_imports_nothing_heavy() -> None:
     """`rigel --help` costs little more than click: no YAML, no HTTP, no attrs."""
     code = (
@@ -136,6 +137,7 @@ def test_verbose_tells_where_an_error_came_from(
     assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.mark.programs
 def test_rigels_own_commands_are_rigels_where_it_is_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +185,7 @@ def test_a_missing_rigelfile_says_what_to_do(
     assert "rigel init" in capsys.readouterr().err
 
 
+@pytest.mark.programs
 def test_a_closed_pipe_is_silent() -> None:
     """`rigel ... | head -1` ends without a word on standard error."""
     line = f"{sys.executable} -m rigel_k8s schema | head -1"
@@ -191,6 +194,7 @@ def test_a_closed_pipe_is_silent() -> None:
     assert done.stdout.strip() == "{"
 
 
+@pytest.mark.programs
 def test_a_pipe_that_was_closed_before_is_silent_too() -> None:
     """Little output is written only at the end, when nobody reads any more."""
     line = f"{{ sleep 0.2; {sys.executable} -m rigel_k8s version; }} | true"
@@ -198,6 +202,7 @@ def test_a_pipe_that_was_closed_before_is_silent_too() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.programs
 def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Path) -> None:
     """It does not free its memory, but flushes its streams and calls what waits for its end."""
     code = (

@@ -57,6 +57,7 @@ def test_quiet_still_warns(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "[b] warning: beware\n"
 
 
+@pytest.mark.programs
 def test_a_terminal_gets_rows_that_change_and_lines_that_stay() -> None:
     """In a real terminal rows are redrawn in place; what is done stays as a line."""
     leader, follower = pty.openpty()

@@ -14,6 +14,8 @@ import pytest
 from rigel_lab.cluster.gobuild import GO_VERSION, go_version
 from tests.support.terminal import open_terminal
 
+pytestmark = pytest.mark.programs
+
 #: Builds a module of one program, and waits for a file.
 BUILD = """
 import sys

@@ -15,6 +15,8 @@ import pytest
 from rigel_k8s.cli import colors
 from tests.support.terminal import Terminal, open_terminal
 
+pytestmark = pytest.mark.programs
+
 SOURCES = Path(colors.__file__).parents[1]
 #: A status of DDS nodes: the widest table there is.
 TABLE = """

@@ -16,6 +16,8 @@ import pytest
 
 from rigel_k8s.cli import width
 
+pytestmark = pytest.mark.programs
+
 LONG = "{jobs: {deploy: {with: {" + ", ".join(f"key{i}: 1" for i in range(500)) + "}}}}"
 
 

@@ -438,6 +438,7 @@ def test_names_are_completed_from_the_rigelfile(starter: Path) -> None:
     assert offered("render") == offered("logs") == offered("run", "job") == []
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion(shell: str) -> None:
     """The script that a shell sources."""

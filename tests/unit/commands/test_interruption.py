@@ -11,6 +11,8 @@ import pytest
 
 from rigel_k8s.commands.interruption import interruptible
 
+pytestmark = pytest.mark.programs
+
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 #: Sends itself a signal while the module of the command line's first library is looked for.
 IMPORTING = """

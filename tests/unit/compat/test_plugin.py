@@ -105,6 +105,7 @@ def test_an_unknown_name_is_no_attribute() -> None:
             getattr(rigel_k8s, name)
 
 
+@pytest.mark.programs
 def test_importing_the_package_imports_nothing_else() -> None:
     """`import rigel_k8s`, and a look for a submodule, cost nothing."""
     code = "import rigel_k8s, sys; hasattr(rigel_k8s, 'x');"

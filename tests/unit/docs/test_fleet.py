@@ -12,6 +12,8 @@ from tests.support.tutorials import RIGEL, make_place, run
 
 from .test_whole_robot import DOCS, find, read_files, read_pod
 
+pytestmark = pytest.mark.programs
+
 PAGE = (DOCS / "fleet.md").read_text("utf-8")
 (RIGELFILE,) = read_files(PAGE).values()
 (CAREFUL,) = re.findall(r"^```yaml\n(.*?)^```$", PAGE, re.M | re.S)

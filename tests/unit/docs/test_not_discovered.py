@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.programs
+
 PAGE = (Path(__file__).parents[3] / "docs" / "not-discovered.md").read_text("utf-8")
 RECEIVE, SEND = re.findall(r"^```shell\nrigel exec \w+ -- (.*?)^```$", PAGE, re.M | re.S)
 (SHOWN,) = re.findall(r"^```text\n(.*?)^```$", PAGE, re.M | re.S)

@@ -37,6 +37,7 @@ def test_without_motion_one_screen_is_shown() -> None:
     assert text.index("prefers-reduced-motion: no-preference") < text.index("@keyframes")
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("live", [True, False])
 def test_a_command_is_run_for_real(tmp_path: Path, *, live: bool) -> None:
     """In a terminal or not, with what it prints to both of its outputs."""
@@ -45,6 +46,7 @@ def test_a_command_is_run_for_real(tmp_path: Path, *, live: bool) -> None:
         run(WRONG, tmp_path, context="none", live=live)
 
 
+@pytest.mark.programs
 def test_a_terminal_is_as_wide_as_the_picture(tmp_path: Path) -> None:
     """What is wider would be outside of it."""
     (tmp_path / "Rigelfile").write_text("{" + "key: 1, " * 100 + "}")

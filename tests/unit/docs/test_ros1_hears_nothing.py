@@ -13,6 +13,10 @@ from pathlib import Path
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+import pytest
+
+pytestmark = pytest.mark.programs
+
 PAGE = (Path(__file__).parents[3] / "docs" / "ros1-hears-nothing.md").read_text("utf-8")
 (CONNECT,) = re.findall(r"^```shell\nrigel exec listener -- (.*?)^```$", PAGE, re.M | re.S)
 (SHOWN,) = re.findall(r"^```text\n(.*?)^```$", PAGE, re.M | re.S)

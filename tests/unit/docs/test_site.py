@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.programs
+
 pytest.importorskip("mkdocs")
 
 ROOT = Path(__file__).parents[3]

@@ -26,6 +26,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return make_place(tmp_path, {"rigel": RIGEL})
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_tutorial_can_be_followed(page: Path, place: Path) -> None:
     """Its Rigelfiles pass the check, and its commands do what it says."""
@@ -87,6 +88,7 @@ def test_a_page_of_blocks_that_are_run_or_marked_is_fine() -> None:
     assert list(find_overlooked(page)) == []
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     "page",
     [
@@ -100,6 +102,7 @@ def test_a_wrong_page_is_noticed(page: str, place: Path) -> None:
     assert len(list(follow(page, place))) == 1
 
 
+@pytest.mark.programs
 def test_a_block_with_a_reason_is_not_run(place: Path) -> None:
     """And neither is its output compared."""
     page = "<!-- not run: it needs a cluster -->\n```shell\nfalse\n```\n\n```text\nx\n```\n"

@@ -73,12 +73,14 @@ def test_the_page_has_all_files_that_it_lists() -> None:
     assert set(FILES) == {"Rigelfile", "workspace/config/planner.yaml", "camera/Dockerfile"}
 
 
+@pytest.mark.programs
 def test_its_rigelfile_has_no_problems(place: Path) -> None:
     """Also with the token that the page exports."""
     done = run("export GHCR_TOKEN=x; rigel check", place)
     assert (done.returncode, done.stdout) == (0, "Rigelfile: no problems\n")
 
 
+@pytest.mark.programs
 def test_its_token_must_be_set_also_where_no_registry_is_asked(place: Path) -> None:
     """As docs/cli.md says of providers' variables; `objects` shows that any value will do."""
     done = run("unset GHCR_TOKEN; rigel render deploy 2>&1", place)
@@ -86,6 +88,7 @@ def test_its_token_must_be_set_also_where_no_registry_is_asked(place: Path) -> N
     assert "vars.GHCR_TOKEN is neither in vars nor in the environment" in done.stdout
 
 
+@pytest.mark.programs
 def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
     """And no other node is in the table."""
     table = re.findall(r"^\| `(\w+)` \| `(\w+)` \| ?(.*?) ?\|$", PAGE, re.M)
@@ -99,6 +102,7 @@ def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
     assert len(shown) == 3
 
 
+@pytest.mark.programs
 def test_the_command_before_the_table_prints_each_node_with_its_update(place: Path) -> None:
     """A line for the name, and the next one for the update, in the order of the table."""
     (command,) = re.findall(r"^`(rigel render deploy \| grep [^`]*)`", PAGE, re.M)

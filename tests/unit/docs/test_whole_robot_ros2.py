@@ -13,6 +13,8 @@ from tests.support.tutorials import run
 
 from .test_whole_robot import DOCS, find, lay_out, read_files, read_pod, render
 
+pytestmark = pytest.mark.programs
+
 PAGE = (DOCS / "whole-robot-ros2.md").read_text("utf-8")
 FILES = read_files(PAGE)
 MACHINES = {

@@ -19,6 +19,8 @@ from rigel_k8s.observability.exporter import DIRECTORY, EXPORTER_IMAGE, FILE
 from rigel_k8s.observability.names import EXPORTER_PORT
 from rigel_lab.images.exporter import UPSTREAM, entries
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.fixture
 def program(tmp_path: Path) -> Path:

@@ -97,6 +97,7 @@ def place(account: Path, http: HttpServer) -> ClusterObject:
     return ClusterObject("memory", "pod-a", account)
 
 
+@pytest.mark.programs
 def test_an_object_that_rigel_has_just_made_is_empty(place: ClusterObject, server: Server):
     """It has no data at all; from now on this pod writes."""
     assert place.read() is None
@@ -185,6 +186,7 @@ def test_an_api_server_that_hangs_up_is_reported(place: ClusterObject, http: Htt
         place.read()
 
 
+@pytest.mark.programs
 def test_another_authoritys_server_gets_no_token(account: Path, http: HttpServer, tmp_path: Path):
     made = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1"
     made += f" -subj /CN=other -keyout {tmp_path}/key -out {tmp_path}/ca.crt"

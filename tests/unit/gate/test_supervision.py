@@ -23,6 +23,8 @@ from tests.support.pythons import find_python
 from tests.support.rosgraph import RosGraph, ros_graph
 from tests.support.until import until
 
+pytestmark = pytest.mark.programs
+
 #: Makes the first worker get SIGTERM before it has said what that means to it.
 EARLY = """
 import os, signal, sys

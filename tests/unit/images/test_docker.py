@@ -18,6 +18,8 @@ from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.docker import Docker, add_credentials, builder_platforms
 from rigel_k8s.images.engine import Build, Session
 
+pytestmark = pytest.mark.programs
+
 INSPECTED = """Name:   default
 Driver: docker
 

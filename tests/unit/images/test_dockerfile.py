@@ -62,6 +62,7 @@ def test_no_golden_file_is_left_over() -> None:
     assert {file.stem for file in GOLDEN.iterdir()} == set(CASES)
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", CASES)
 def test_entrypoints_are_valid_shell(name: str) -> None:
     """bash reads every entrypoint."""
@@ -69,6 +70,7 @@ def test_entrypoints_are_valid_shell(name: str) -> None:
     assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", CASES)
 def test_steps_are_valid_shell(name: str) -> None:
     """sh reads every RUN step."""
@@ -98,6 +100,7 @@ def test_the_sources_come_after_what_they_need() -> None:
     assert sources < text.index("catkin_make")
 
 
+@pytest.mark.programs
 def test_the_entrypoint_gives_its_place_to_the_command(tmp_path: Path) -> None:
     """The command runs under the entrypoint's own process id, so signals reach it."""
     lines = entrypoint(CASES["plain-ros1"]).splitlines()

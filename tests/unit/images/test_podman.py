@@ -17,6 +17,8 @@ from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.podman import Podman, misses_sys_resource, registries_conf
 from rigel_k8s.system.oci import host_platform
 
+pytestmark = pytest.mark.programs
+
 FULL = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\n"
 LACKING = "Uid:\t0\t0\t0\t0\nCapEff:\t000001fffeffffff\n"
 ROOTLESS = "Uid:\t1000\t1000\t1000\t1000\nCapEff:\t0000000000000000\n"

@@ -13,6 +13,8 @@ import pytest
 from rigel_k8s.errors import CommandFailed, Interrupted
 from rigel_k8s.images.process import LOGS, build, hint, stream
 
+pytestmark = pytest.mark.programs
+
 FAILING = "echo STEP 1/2: FROM a; echo '--> 0123456789a'; echo STEP 2/2: RUN make; seq {}; exit 2"
 
 

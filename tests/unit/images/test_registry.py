@@ -244,6 +244,7 @@ def test_without_a_port_plain_http_has_its_own(monkeypatch: pytest.MonkeyPatch) 
     assert asked == ["HEAD http://127.83.21.7/v2/team/app/manifests/1"]
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("trusted", [True, False])
 def test_a_private_registry_with_tls_is_asked_with_tls(
     registry: Registry,

@@ -12,6 +12,8 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.images.podman import Podman
 from rigel_k8s.images.tools import find_engine
 
+pytestmark = pytest.mark.programs
+
 LACKING = "Uid:\t0\t0\t0\t0\nCapEff:\t000001fffeffffff\n"
 WORKS = 'case "$*" in "buildx inspect --bootstrap") echo "Status: running";; esac'
 NO_BUILDX = '[ "$1" = buildx ] && exit 1; exit 0'

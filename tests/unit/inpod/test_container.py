@@ -157,6 +157,7 @@ def listening() -> Iterator[tuple[int, int]]:
         process.communicate()
 
 
+@pytest.mark.programs
 def test_a_connection_without_an_answer():
     """The queue of a server that accepts nothing is full: the kernel drops what comes next."""
     with ExitStack() as stack:
@@ -178,6 +179,7 @@ def sees_unanswered(port: int) -> bool:
     return subprocess.run([sys.executable, "-c", text], cwd=ROOM, check=False).returncode == 1
 
 
+@pytest.mark.programs
 def test_real_processes(script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch):
     """The kernel's own /proc is read as the files above are."""
     container = script("container")

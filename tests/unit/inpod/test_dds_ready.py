@@ -16,6 +16,8 @@ import pytest
 
 from tests.support.rosgraph import until
 
+pytestmark = pytest.mark.programs
+
 #: Binds UDP ports, says so, and reads what it is sent where it is to.
 PARTICIPANT = """
 import select, socket, sys

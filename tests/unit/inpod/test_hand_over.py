@@ -15,6 +15,8 @@ import rigel_inpod
 from tests.support.pythons import find_python
 from tests.support.rosgraph import Rpc
 
+pytestmark = pytest.mark.programs
+
 ROOM = Path(rigel_inpod.__file__).parent
 HOST = os.uname().nodename
 

@@ -12,6 +12,8 @@ import pytest
 
 import rigel_inpod
 
+pytestmark = pytest.mark.programs
+
 KEEP = Path(rigel_inpod.__file__).parent / "keep.sh"
 
 #: Moves the clock on by the seconds of its line in `lives`; ends with the line's code.

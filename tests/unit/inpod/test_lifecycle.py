@@ -296,6 +296,7 @@ def test_what_someone_else_has_activated_is_left_alone(lifecycle: ModuleType, wo
     assert world.history == []
 
 
+@pytest.mark.programs
 def test_a_hand_over_that_ended_early_is_not_ready(
     lifecycle: ModuleType, progress: Callable[[], Any]
 ):
@@ -355,6 +356,7 @@ def test_only_a_node_that_works_is_deactivated(
     assert closed == [True] * len(asked)
 
 
+@pytest.mark.programs
 def test_no_one_waits_any_more_when_the_hook_goes_on(lifecycle: ModuleType):
     """SIGTERM, and SIGKILL where that was not enough."""
     deaf = "import signal; signal.signal(15, signal.SIG_IGN); print(1, flush=True); signal.pause()"
@@ -389,6 +391,7 @@ def wrapped(tmp_path: Path) -> Callable[..., tuple[list[str], list[str]]]:
     return run
 
 
+@pytest.mark.programs
 def test_the_program_gets_services_of_its_own(
     wrapped: Callable[..., tuple[list[str], list[str]]],
 ):
@@ -412,6 +415,7 @@ def test_the_program_gets_services_of_its_own(
     assert python[-2:] == ["take", token]
 
 
+@pytest.mark.programs
 def test_what_waits_hears_of_everyone_from_a_discovery_server(
     wrapped: Callable[..., tuple[list[str], list[str]]],
 ):

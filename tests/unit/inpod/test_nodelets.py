@@ -183,6 +183,7 @@ def test_only_a_manager_of_this_container_is_asked(
         asked.find()
 
 
+@pytest.mark.programs
 def test_python2_makes_the_same_request(nodelets: ModuleType, python2: str) -> None:
     """JSON gives it text of another type."""
     code = (

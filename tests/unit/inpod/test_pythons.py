@@ -13,6 +13,8 @@ import pytest
 
 import rigel_inpod
 
+pytestmark = pytest.mark.programs
+
 READY = Path(rigel_inpod.__file__).parent / "ready.py"
 
 

@@ -12,6 +12,8 @@ import pytest
 
 import rigel_inpod
 
+pytestmark = pytest.mark.programs
+
 START = Path(rigel_inpod.__file__).parent / "roscore.sh"
 #: What the real one does: it starts roslaunch with its arguments.
 ROSCORE = "import sys, roslaunch.launch as launch\nprint(launch._TIMEOUT_MASTER_START, sys.argv)\n"

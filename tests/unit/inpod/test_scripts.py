@@ -39,6 +39,7 @@ def test_small():
     assert sum(len(text.encode()) for text in scripts().values()) < 150_000
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", sorted(n for n in scripts() if n.endswith(".sh")))
 @pytest.mark.parametrize("shell", ["sh", "dash", "bash"])
 def test_shell_syntax(name: str, shell: str):
@@ -71,12 +72,14 @@ MORE = {
 }
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", sorted(PROGRAMS - DDS - IN_EXPORTER))
 def test_python2_syntax(name: str, tmp_path: Path, python2: str):
     """Each script for ROS 1 is compiled by Python 2.7, which ROS images up to melodic have."""
     compiled(python2, name, tmp_path)
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", sorted(DDS))
 def test_python36_syntax(name: str, tmp_path: Path, python36: str):
     """Each script for DDS is compiled by Python 3.6, the oldest of a ROS 2 image."""
@@ -117,6 +120,7 @@ def imported(text: str) -> set[str]:
     return found
 
 
+@pytest.mark.programs
 def test_what_exec_starts_is_marked(script: Callable[[str], ModuleType]):
     """The readiness probe knows by it a tool that was left in the background."""
     done = subprocess.run(

@@ -17,6 +17,8 @@ import pytest
 
 import rigel_inpod
 
+pytestmark = pytest.mark.programs
+
 START = Path(rigel_inpod.__file__).parent / "start.sh"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 #: What ROS 1 has: knows one package.

@@ -14,6 +14,8 @@ import pytest
 
 import rigel_inpod
 
+pytestmark = pytest.mark.programs
+
 STOP = Path(rigel_inpod.__file__).parent / "stop.sh"
 
 #: Says when it got which signal; `deaf` ones go on after SIGINT.

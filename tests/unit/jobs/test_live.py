@@ -237,6 +237,7 @@ def test_no_signal_has_to_wait_for_the_jobs_end(
     assert all(timeout is not None and timeout <= 0.01 for timeout in waits)
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_stops_its_jobs_and_disconnects(
     start: Start, number: signal.Signals
@@ -254,6 +255,7 @@ def test_an_interrupted_run_stops_its_jobs_and_disconnects(
     assert process.returncode == 130
 
 
+@pytest.mark.programs
 def test_a_second_interrupt_ends_at_once(start: Start) -> None:
     """A job that does not listen cannot hold the terminal."""
     process = start("deaf", "600")
@@ -267,6 +269,7 @@ def test_a_second_interrupt_ends_at_once(start: Start) -> None:
     assert process.returncode == 130
 
 
+@pytest.mark.programs
 def test_an_interrupted_job_that_does_not_listen_is_left_after_the_grace(start: Start) -> None:
     """The provider is disconnected all the same, and what was left is named."""
     process = start("deaf", "0.1")

@@ -78,6 +78,7 @@ def test_every_name_of_ours_leads_to_a_class_that_fits(kind: Any) -> None:
             validate(type(resolve(name)), kind, name)
 
 
+@pytest.mark.programs
 def test_names_are_resolved_without_importing_other_job_types() -> None:
     """A file that is only checked for its grammar pays for no job type."""
     import subprocess

@@ -100,6 +100,7 @@ def test_discovery_is_asked_only_for_what_the_table_lacks() -> None:
     assert asked == ["x/v1", "x/v1"]
 
 
+@pytest.mark.programs
 def test_naming_objects_costs_no_http() -> None:
     """Rooms that only build manifests do not pay for a client."""
     code = (

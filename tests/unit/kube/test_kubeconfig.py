@@ -149,6 +149,7 @@ IMPERSONATION = [
 ]
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("user", "own"),
     [
@@ -246,6 +247,7 @@ def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
     return write(tmp_path / "config", **whole({"exec": program(tmp_path, expiry, **more)}))
 
 
+@pytest.mark.programs
 def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path) -> None:
     """Its token is kept while it is good, asked for anew when it is not."""
     credentials = load(plugin(tmp_path, "2999-01-01T00:00:00Z")).credentials()
@@ -270,6 +272,7 @@ def told(credentials: Any) -> dict[str, Any]:
     return content
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("wanted", [True, False])
 def test_a_credential_program_is_told_of_the_cluster(tmp_path: Path, wanted: Any) -> None:
     """Where the kubeconfig asks for that: a program may log in to several."""
@@ -285,6 +288,7 @@ def test_a_credential_program_is_told_of_the_cluster(tmp_path: Path, wanted: Any
     )
 
 
+@pytest.mark.programs
 def test_a_credential_program_beside_the_kubeconfig_is_found(tmp_path: Path) -> None:
     """A path is relative to its file, a bare name is looked for on PATH."""
     script = tmp_path / "bin" / "login"
@@ -295,6 +299,7 @@ def test_a_credential_program_beside_the_kubeconfig_is_found(tmp_path: Path) -> 
     assert told(load(path).credentials())["kind"] == "ExecCredential"
 
 
+@pytest.mark.programs
 def test_a_credential_program_may_give_a_certificate(tmp_path: Path) -> None:
     """Instead of a token."""
     status = {"clientCertificateData": "CERT", "clientKeyData": "KEY"}
@@ -304,6 +309,7 @@ def test_a_credential_program_may_give_a_certificate(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=False)) == []
 
 
+@pytest.mark.programs
 def test_a_token_that_is_about_to_expire_is_renewed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,6 +321,7 @@ def test_a_token_that_is_about_to_expire_is_renewed(
         assert list(credentials.headers(fresh=False)) == [("Authorization", f"Bearer {token}")]
 
 
+@pytest.mark.programs
 def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
     """With its own words and the hint that the kubeconfig has for it."""
     hint = {"installHint": "install the plugin"}
@@ -331,6 +338,7 @@ def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
 TELL = 'import json; print(json.dumps({"status": %s}))'
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("status", "wrong"),
     [
@@ -364,6 +372,7 @@ def test_an_odd_credential_program_is_told_what_it_must_print(
     assert "TOKEN" not in "".join(format_exception(error)) + text
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("stamp", ["2999-01-01T00:00:00", "2999-01-01T00:00:00+02:00", ""])
 def test_an_expiry_may_have_no_zone(tmp_path: Path, stamp: str) -> None:
     """Then it is one of UTC; and there may be none."""
@@ -405,6 +414,7 @@ def test_an_authority_that_is_none_is_the_users(tmp_path: Path, data: str) -> No
     assert caught.value.exit_code == 2
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     "code",
     [

@@ -334,6 +334,7 @@ WAYS = {
 }
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(
     ("target", "error"),

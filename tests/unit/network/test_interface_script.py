@@ -40,7 +40,10 @@ def possible() -> bool:
     return subprocess.run(line, capture_output=True, check=False).returncode == 0
 
 
-pytestmark = pytest.mark.skipif(not possible(), reason="wants root and network namespaces")
+pytestmark = [
+    pytest.mark.skipif(not possible(), reason="wants root and network namespaces"),
+    pytest.mark.programs,
+]
 
 SHELLS = [name for name in ("dash", "bash", "busybox") if shutil.which(name)]
 

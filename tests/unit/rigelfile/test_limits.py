@@ -206,6 +206,7 @@ def looker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Looker]:
         yield Looker(server, place)
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_would_take_everything(name: str, looker: Looker, tmp_path: Path) -> None:
     """A check and a render end with findings or results, within the kernel's limits."""

@@ -209,6 +209,7 @@ def test_an_expression_waits_for_what_its_vars_wait_for(loaded: Loader) -> None:
     assert strip_places(render_node(rigelfile, node, {"n": 1}).node) == {"one": "X1", "two": 2}
 
 
+@pytest.mark.programs
 def test_jinja2_is_imported_only_for_expressions() -> None:
     """A file of plain names pays nothing for expressions."""
     program = "import sys, rigel_k8s.rigelfile; sys.exit('jinja2' in sys.modules)"

@@ -68,6 +68,7 @@ class ReleaseCluster(LocalCluster):
         pass
 
 
+@pytest.mark.programs
 def test_a_releases_graph_is_read_in_its_masters_pod() -> None:
     """Nodes are placed, one of the release that is not there is named."""
     with ros_graph() as graph:
@@ -172,6 +173,7 @@ def test_a_files_name_says_its_form(
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.programs
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 @pytest.mark.parametrize(
     ("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")]

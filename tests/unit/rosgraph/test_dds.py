@@ -72,6 +72,7 @@ def test_rclpys_endpoints_are_those_of_its_node(name: str) -> None:
     )
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("version", ["3.9", "3"])
 def test_the_modules_travel_and_join_a_domain(version: str) -> None:
     """In a Python that has none of this package, from the oldest that is promised on."""
@@ -152,6 +153,7 @@ def test_the_exporters_pod_is_tried_first() -> None:
     assert dds.choose_pods([stopped, talker, exporter], members, 3) == [exporter, talker]
 
 
+@pytest.mark.programs
 def test_zenoh_and_old_pythons_have_a_way_out() -> None:
     cluster: Any = LocalCluster(PATH="/nothing")
     zenoh = attrs.evolve(TALKER, middleware="zenoh")

@@ -34,6 +34,7 @@ def test_each_form_is_as_its_golden_file(name: str, form: str, *, update_golden:
     assert text == file.read_text(encoding="utf-8")
 
 
+@pytest.mark.programs
 def test_the_same_graph_is_drawn_the_same_in_each_process() -> None:
     """Whatever order sets have in it."""
     code = (

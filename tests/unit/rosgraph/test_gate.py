@@ -20,6 +20,8 @@ from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode, read_
 
 from .local import LocalCluster
 
+pytestmark = pytest.mark.programs
+
 RELEASE = ReleaseId("robots", "explorer")
 ANSWER = {
     "waiting": [{"node": "/talker", "api": "http://10.0.0.2:1/", "owner": "http://10.0.0.1:1/"}],

@@ -18,6 +18,8 @@ from tests.support.rosgraph import ros_graph
 
 from .local import LocalCluster
 
+pytestmark = pytest.mark.programs
+
 RELEASE = ReleaseId("robots", "robot")
 
 

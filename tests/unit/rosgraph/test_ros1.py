@@ -16,6 +16,8 @@ from tests.support.rosgraph import ros_graph
 
 from .local import POD, LocalCluster
 
+pytestmark = pytest.mark.programs
+
 MODULES = [
     ("rosrpc", inside.read_module("rigel_inpod.rosrpc")),
     ("ros1_graph", inside.read_module("rigel_inpod.sent.ros1_graph")),

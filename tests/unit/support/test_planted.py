@@ -34,6 +34,7 @@ def test_a_text_is_searched_for_all_forms(text: str, *, found: bool) -> None:
     assert bool(find([SECRET], text)) is found
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("place", ["arguments", "environments"])
 def test_a_process_that_has_a_secret_is_seen(place: str, tmp_path: Path) -> None:
     """In its arguments, or in an environment that is not this process' own."""

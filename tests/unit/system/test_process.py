@@ -17,6 +17,8 @@ from rigel_k8s.errors import CommandFailed, Interrupted
 from rigel_k8s.system import process
 from rigel_k8s.system.process import finish, stream, succeeds
 
+pytestmark = pytest.mark.programs
+
 
 def run(script: str, cancel: threading.Event | None = None, lines: list[str] | None = None) -> None:
     stream(

@@ -16,6 +16,8 @@ from rigel_k8s.system.tls import trust
 from tests.support.certificates import AUTHORITY, SERVER, Authority
 from tests.support.http_server import Exchange, serving
 
+pytestmark = pytest.mark.programs
+
 
 @contextmanager
 def server_of(*pems: Path, protocols: tuple[str, ...] = ()) -> Iterator[str]:

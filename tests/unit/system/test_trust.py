@@ -70,6 +70,7 @@ def rigel(
 COMPLETION = {"_RIGEL_K8S_COMPLETE": "bash_complete", "COMP_WORDS": "rigel-k8s render d"}
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     "words",
     [

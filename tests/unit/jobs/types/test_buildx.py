@@ -209,6 +209,7 @@ def test_what_only_a_run_can_tell_is_let_through() -> None:
 # clusterload
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("context", "words"),
     [

@@ -15,6 +15,8 @@ from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import Layout
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.mark.skipif(not shutil.which("openssl"), reason="needs openssl")
 def test_an_api_server_that_is_not_there(tmp_path: Path) -> None:

@@ -84,6 +84,7 @@ def fake_go(directory: Path, version: str) -> Path:
     return go
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("told", "version"),
     [("go1.26.8", (1, 26, 8)), ("go1.27", (1, 27, 0)), ("go1.27rc1", (1, 27, 0)), ("devel", (0,))],
@@ -93,6 +94,7 @@ def test_go_versions(tmp_path: Path, told: str, version: tuple[int, ...]) -> Non
     assert go_version(str(fake_go(tmp_path, told))) == version
 
 
+@pytest.mark.programs
 def test_an_old_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the machine's Go is too old, PyPI's is, with caches of its own."""
     fake_go(tmp_path, "go1.19.8")

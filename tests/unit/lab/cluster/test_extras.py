@@ -15,6 +15,8 @@ from rigel_lab.cluster.components import MULTUS, PLUGINS, WHEREABOUTS, Component
 from rigel_lab.cluster.extras import extra_images, list_offered
 from rigel_lab.cluster.oci import Image
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.fixture
 def images(tmp_path: Path) -> dict[str, Image]:

@@ -44,6 +44,7 @@ def test_programs_are_absolute_links_into_a_hashed_directory(data: Path) -> None
     assert (home / "bin/portmap").readlink() == Path("cni")
 
 
+@pytest.mark.programs
 def test_the_one_program_does_what_it_is_called(data: Path) -> None:
     """By each of its links it is that program, and gets its arguments."""
     command = [str(data / "data/cni/host-local"), "a b"]

@@ -9,6 +9,8 @@ import pytest
 from rigel_k8s.errors import CommandFailed, UserError
 from rigel_lab.cluster.loading import archive, engine_commands
 
+pytestmark = pytest.mark.programs
+
 
 def engine(directory: Path, name: str, script: str) -> None:
     program = directory / name

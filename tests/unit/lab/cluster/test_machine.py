@@ -12,6 +12,8 @@ import pytest
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster.machine import Machine, Process, end, read_process
 
+pytestmark = pytest.mark.programs
+
 
 def write_record(directory: Path, process: Process) -> None:
     fields = ["S", *["0"] * 18, str(process.start)]

@@ -17,6 +17,8 @@ from rigel_lab.cluster.observability import KUBE_STATE_METRICS, OPERATOR, PROMET
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
 
+pytestmark = pytest.mark.programs
+
 EXTRAS = ("observability", "prometheus-operator")
 #: As whom each runs: as upstream's says it, since `runAsNonRoot` refuses a user without a number.
 USERS = {

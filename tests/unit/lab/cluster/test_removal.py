@@ -15,6 +15,8 @@ from rigel_lab.cluster.machine import RECORD, Process
 from rigel_lab.cluster.paths import boot_id
 from rigel_lab.cluster.state import State
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.fixture
 def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> State:

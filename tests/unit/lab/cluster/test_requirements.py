@@ -47,6 +47,7 @@ def test_overlay_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
         require_disk(tmp_path / "not" / "there")
 
 
+@pytest.mark.programs
 def test_this_disk_is_accepted(tmp_path: Path) -> None:
     """An ordinary directory passes, also before it is made."""
     require_disk(tmp_path / "not" / "there")

@@ -10,6 +10,8 @@ import pytest
 
 from rigel_lab.images.base.bootstrap import RECORD
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.mark.skipif(not shutil.which("dpkg-deb"), reason="needs dpkg-deb")
 def test_unpacked_packages_are_recorded(tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 from rigel_k8s import __version__
 from rigel_lab.images.base.program import PREFIX
 from rigel_lab.images.mutoagent import UPSTREAM, list_package, read_lock
@@ -36,6 +38,7 @@ def test_the_wheels_are_those_that_the_tests_run_with() -> None:
     assert own == run
 
 
+@pytest.mark.programs
 def test_the_package_in_the_image_runs(tmp_path: Path) -> None:
     """Alone, without rigel_lab: nothing that the agent imports is left out."""
     entries = list_package()

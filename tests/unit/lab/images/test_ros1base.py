@@ -19,6 +19,8 @@ from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, load, overla
 from rigel_lab.images.ros1base.packages import PACKAGES
 from tests.support.recorder import Recorder
 
+pytestmark = pytest.mark.programs
+
 MMDEBSTRAP = """#!/bin/sh
 echo "I: downloading packages with apt..." >&2
 for target; do :; done

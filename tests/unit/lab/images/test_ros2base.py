@@ -18,6 +18,8 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_lab.images.ros2base import REFERENCES, build, overlay, packages, wheels
 from tests.support.recorder import Recorder
 
+pytestmark = pytest.mark.programs
+
 FILES = Path(overlay.__file__).parent / "files"
 MMDEBSTRAP = """#!/bin/sh
 printf '%s\\n' "$@" >"$LOG"

@@ -32,6 +32,8 @@ from tests.support.until import until
 
 from .conftest import Agent, stack
 
+pytestmark = pytest.mark.programs
+
 THING = "org:robot"
 ANSWERS = "db/answers"
 

@@ -28,6 +28,8 @@ from . import test_symphony as symphony
 from .agents import START, THING, agent, connect, wait_until_ready
 from .recording import Remembering
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.fixture
 def mosquitto(tmp_path: Path) -> Iterator[Mosquitto]:

@@ -16,6 +16,8 @@ import pytest
 
 from tests.support.until import until
 
+pytestmark = pytest.mark.programs
+
 SCRIPT = (files("rigel_k8s.network.multus") / "machine.sh").read_text("utf-8")
 EVERY = "sleep 2 &"  # between two looks of `keep`
 SHELLS = [

@@ -13,6 +13,8 @@ from rigel_k8s.network.preflight.machine import PROBE, Interface, Route, parse
 
 from .cases import MACHINES, machine
 
+pytestmark = pytest.mark.programs
+
 SHELLS = [["sh"], ["dash"], ["bash", "--posix"], ["busybox", "sh"]]
 
 

@@ -40,7 +40,7 @@ DATA = (
 READS = """
 import rigel_inpod as inpod
 from rigel_k8s.observability import boards
-from rigel_lab.images.exporter.program import entries as exporter
+from rigel_lab.images.exporter import entries as exporter
 from rigel_lab.images.mutoagent import list_package, read_lock
 from rigel_lab.images.ros1base.overlay import entries as ros1
 from rigel_lab.images.ros2base.overlay import entries as ros2

@@ -109,7 +109,7 @@ def test_every_file_is_one_that_python_3_9_reads(program: Path) -> None:
 def test_pods_ask_for_the_image_that_is_built() -> None:
     """The name, the configuration's place and the port are said twice: here and there."""
     from rigel_exporter.config import PORT
-    from rigel_lab.images.exporter.build import IMAGE
+    from rigel_lab.images.exporter import IMAGE
 
     assert EXPORTER_IMAGE == UPSTREAM
     assert IMAGE.config["Cmd"] == [f"{DIRECTORY}/{FILE}"]

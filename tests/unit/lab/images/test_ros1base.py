@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import stat
 import subprocess
@@ -13,6 +14,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.system.oci import read_archive
 from rigel_lab.images.base.build import EPOCH, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
@@ -107,6 +109,16 @@ def test_cache(programs: Path):
 def test_variants(programs: Path):
     """Each variant has an archive of its own."""
     assert build(Recorder()).archive != build(Recorder(), variant="devel").archive
+
+
+@pytest.mark.parametrize("arch", ["amd64", "arm64"])
+def test_an_image_is_built_for_the_machines_that_run_it(programs: Path, arch: str):
+    """Its programs, and what it says of itself, are of the requested architecture."""
+    archive = build(Recorder(), arch=arch).archive
+    assert f"--architectures={arch}" in programs.read_text()
+    with tarfile.open(archive) as tar:
+        assert json.loads(read_archive(tar).config.read())["architecture"] == arch
+    assert archive != build(Recorder(), arch={"amd64": "arm64", "arm64": "amd64"}[arch]).archive
 
 
 def test_another_overlay_is_another_archive(programs: Path):

@@ -1,0 +1,185 @@
+"""A robot's ARM computer beside an amd64 machine: one image for both, and a refusal without one.
+
+The programs run under QEMU; tests/support/arm64.py describes such a machine.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+import yaml
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.kube import connect
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
+from rigel_k8s.settings import Settings
+from rigel_lab.cluster import components
+from tests.support import arm64
+from tests.support.until import until
+
+from .conftest import inside, run_rigel
+from .machines import own_cluster
+
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.slow,
+    pytest.mark.skipif(not arm64.possible(), reason="needs qemu-user-static and arch-test"),
+]
+NAMESPACE = "arm"
+AMD64, ARM64 = "node1", "node2"
+PATIENCE = 900
+#: A program of the image for each platform; `RUN` is emulated where it must be.
+DOCKERFILE = """ARG BASE_IMAGE
+ARG TARGETARCH
+FROM ${BASE_IMAGE}-${TARGETARCH}
+RUN uname -m >/built-on
+"""
+TALKER = ["rostopic", "pub", "--rate", "2", "/chatter", "std_msgs/String", "data: hello"]
+LISTENER = {
+    "args": ["rostopic", "echo", "/chatter"],
+    "placement": {"node": ARM64},
+    "security_context": {"privileged": True},
+}
+#: QEMU has no seccomp, so an emulated containerd refuses each pod that is to have a profile of it,
+#: and the kubelet wants one for all but privileged pods.
+PRIVILEGED = {"securityContext": {"privileged": True}}
+MASTER = {"name": "ros-master-container", **PRIVILEGED}
+
+
+@attrs.frozen
+class Mixed:
+    """A cluster of both kinds of machines, and a directory with a Rigelfile for it."""
+
+    cluster: Any
+    context: str
+    registry: str
+    directory: Path
+
+    def rigel(self, *words: str, check: bool = True) -> Any:
+        """Run `rigel` in the directory."""
+        words = ("--context", self.context, *words)
+        return run_rigel(*words, cwd=self.directory, check=check, timeout=PATIENCE)
+
+    def write(self, image: str, **more: Any) -> None:
+        """Write a Rigelfile whose talker is on one kind of machine, the rest on the other."""
+        build = {
+            "plugin": "rigel_k8s.BuildXPlugin",
+            "with": {
+                "image": image.removesuffix(":latest"),
+                "push": True,
+                "platforms": ["linux/amd64", "linux/arm64"],
+                "buildargs": {"BASE_IMAGE": f"{self.registry}/ros:noetic"},
+                "tool": "podman",
+            },
+        }
+        options = {
+            "namespace": NAMESPACE,
+            "image": image,
+            "timeout": PATIENCE,
+            "deploy_ros_master": True,
+            "ros_master_image": image,
+            "ros_master_placement": {"node": ARM64},
+            "nodes": {
+                "talker": {"args": TALKER, "placement": {"node": AMD64}},
+                "listener": LISTENER,
+            },
+            "additional_k8s_params": {
+                "ros_master": {"spec": {"template": {"spec": {"containers": [MASTER]}}}}
+            },
+            **more,
+        }
+        jobs = {"build": build, "deploy": {"plugin": "rigel_k8s.OrchestrationPlugin"}}
+        jobs["deploy"]["with"] = options
+        text = yaml.safe_dump({"application": {"distro": "noetic"}, "jobs": jobs})
+        (self.directory / "Rigelfile").write_text(text)
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mixed]:
+    """A cluster of an amd64 and an arm64 machine; base images of both are in its registry."""
+    directory = tmp_path_factory.mktemp("mixed")
+    (directory / "Dockerfile").write_text(DOCKERFILE)
+    kubectl = components.obtain(print, ["kubectl"]).program("kubectl")
+    with arm64.emulated(), own_cluster("test-arm64", nodes=2) as (name, registry):
+        arm64.change(name, ARM64, kubectl)
+        for arch in ("amd64", "arm64"):
+            words = ("--arch", arch, "--push", f"{registry}/ros:noetic-{arch}")
+            run_rigel("image", "ros1-base", *words, timeout=PATIENCE)
+        context = f"rigel-{name}"
+        with connect(Settings(context=context)) as cluster:
+            yield Mixed(cluster, context, registry, directory)
+
+
+@pytest.fixture(scope="module")
+def deployed(mixed: Mixed) -> Mixed:
+    """The application on both, from an image that was built for both."""
+    mixed.write(f"{mixed.registry}/robot:latest")
+    mixed.rigel("run", "job", "build")
+    mixed.rigel("run", "job", "deploy")
+    return mixed
+
+
+def test_a_machine_runs_the_image_of_its_own_processor(deployed: Mixed) -> None:
+    """The same name and digest: amd64 on one, arm64 on the other; also while it was built."""
+    found = {
+        name: inside(deployed.cluster, NAMESPACE, name, "sh", "-c", "uname -m; cat /built-on")
+        for name in ("talker", "listener", "ros-master")
+    }
+    arm, amd = "aarch64\naarch64\n", "x86_64\nx86_64\n"
+    assert found == {"talker": amd, "listener": arm, "ros-master": arm}
+
+
+def test_nodes_of_both_talk(deployed: Mixed) -> None:
+    """Through the gate and the scripts in the pods, which run on arm64 like the master."""
+    status = json.loads(deployed.rigel("status", "-o", "json").stdout)
+    assert status["ready"], status
+    heard = lambda: deployed.rigel("logs", "listener", "--tail", "5").stdout  # noqa: E731
+    until(lambda: "hello" in heard(), "a message from amd64 to arm64", PATIENCE, last_words=heard)
+    assert "/chatter" in deployed.rigel("graph").stdout
+
+
+def test_a_gate_on_arm64_hands_a_name_over(deployed: Mixed) -> None:
+    """The new talker on amd64 takes the old one's name; the listener on arm64 hears it."""
+    again = [*TALKER[:-1], "data: hello again"]
+    nodes = {"talker": {"args": again, "placement": {"node": AMD64}}, "listener": LISTENER}
+    deployed.write(f"{deployed.registry}/robot:latest", nodes=nodes)
+    deployed.rigel("run", "job", "deploy")
+    talker = deployed.cluster.get(ObjectRef("apps/v1", "Deployment", NAMESPACE, "talker"))
+    assert talker["spec"]["strategy"]["type"] == "RollingUpdate"
+    heard = lambda: deployed.rigel("logs", "listener", "--tail", "5").stdout  # noqa: E731
+    until(lambda: "hello again" in heard(), "a message of the new one", PATIENCE, last_words=heard)
+
+
+def test_the_exporter_measures_on_arm64(deployed: Mixed) -> None:
+    """Its own image for arm64 looks at the same graph; the rest of the stack is not needed."""
+    image = f"{deployed.registry}/ros-exporter:arm64"
+    run_rigel("image", "ros-exporter", "--arch", "arm64", "--push", image, timeout=PATIENCE)
+    watched = {"enabled": True, "ros_metrics": {"image": image, "interval": "2s"}}
+    deployed.write(f"{deployed.registry}/robot:latest", observability=watched)
+    rendered = yaml.safe_load_all(deployed.rigel("render").stdout)
+    for one in rendered:
+        if EXPORTER in one["metadata"]["name"]:
+            if one["kind"] == "Deployment":
+                spec = one["spec"]["template"]["spec"]
+                spec["nodeSelector"] = {"kubernetes.io/hostname": ARM64}
+                spec.pop("securityContext", None)
+                spec["containers"][0] |= PRIVILEGED
+            deployed.cluster.apply(one)
+
+    def read() -> str:
+        own = {"app.kubernetes.io/name": EXPORTER}
+        (pod,) = deployed.cluster.list("v1", "Pod", NAMESPACE, labels=own)
+        name = f"{pod['metadata']['name']}:{EXPORTER_PORT}"
+        ref = ObjectRef("v1", "Pod", NAMESPACE, name)
+        return str(deployed.cluster.get_through_proxy(ref, "metrics").decode())
+
+    talker = re.compile(r'^ros_node_up\{ros_node="/talker.*\} 1', re.M)
+    what = "the exporter's metrics"
+    until(lambda: talker.search(read()), what, PATIENCE, despite=(RigelK8sError, ValueError))

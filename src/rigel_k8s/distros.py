@@ -38,3 +38,6 @@ ROS2: Mapping[str, date] = MappingProxyType(
 )
 #: The present distribution with the longest support.
 CURRENT = "lyrical"
+
+#: By the generation that they are of.
+DISTROS: Mapping[str, Mapping[str, date]] = {"1": ROS1, "2": ROS2}

@@ -27,8 +27,8 @@ import pytest
 
 import rigel_inpod
 from rigel_gate.program import program
-from rigel_k8s.app.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
-from rigel_k8s.app.master import MASTER_OPTIONS, ROSCORE
+from rigel_k8s.app.generations.ros1.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
+from rigel_k8s.app.generations.ros1.master import MASTER_OPTIONS, ROSCORE
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build

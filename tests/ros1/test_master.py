@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.app.master import ROSCORE
+from rigel_k8s.app.generations.ros1.master import ROSCORE
 
 pytestmark = pytest.mark.cluster
 

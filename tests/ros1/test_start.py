@@ -7,7 +7,7 @@ import json
 import pytest
 import yaml
 
-from rigel_k8s.app.globalparameters import READY, STATE
+from rigel_k8s.app.generations.ros1.globalparameters import READY, STATE
 
 pytestmark = pytest.mark.cluster
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import rigel_inpod
+from rigel_k8s.app.generations.ros2 import OWN_FILE, render_files
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.ros2commands import OWN_FILE, render_files
 from rigel_k8s.objects.scalars import ImageRef
 
 pytestmark = pytest.mark.cluster

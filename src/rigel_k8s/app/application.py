@@ -91,7 +91,7 @@ def way_of(around: ReleaseContext, options: OrchestrationOptions, wired: Wiring)
     )
     if replaces_container(options):
         obstacle = "its containers are the user's own"
-    return choose_way(around, options.rolling_update, obstacle)
+    return choose_way(around, str(options.deployment_name), None, options.rolling_update, obstacle)
 
 
 def container(
@@ -113,9 +113,7 @@ def container(
             "name": APP_CONTAINER,
             "image": identity.image,
             **identity.like,
-            "env": environment(
-                ros_variables(around), {**wired.env, **way.env(str(options.deployment_name))}
-            ),
+            "env": environment(ros_variables(around), {**wired.env, **way.env}),
             **probes(readiness_of(around, options.readiness), asked),
             "lifecycle": stop_hook(),
             "volumeMounts": [*ros_mounts, *mounts, *wired.mounts],

@@ -8,33 +8,19 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.application import application_deployment, application_identity, has_application
-from rigel_k8s.app.binding import bind_to_master, bind_to_parameters
-from rigel_k8s.app.checks.exporter import can_be_seen
-from rigel_k8s.app.distros import ros_of
-from rigel_k8s.app.gate import gate_objects, has_gate, remedies_of
-from rigel_k8s.app.globalparameters import list_keys, setter_identity, setter_objects
-from rigel_k8s.app.master import master_deployment, master_service
 from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.app.placing import remote_selector
-from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.app.security.restricted import restrict
 from rigel_k8s.app.storage import storage
+from rigel_k8s.generation import Companion, Generation, Texts, generation_of
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
-from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
-from rigel_k8s.objects.naming import Ros
-from rigel_k8s.objects.pods import (
-    MASTER_NAME,
-    MASTER_PORT,
-    MASTER_URI,
-    Object,
-    scripts_config,
-)
+from rigel_k8s.objects.pods import Object, scripts_config
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.steady import steady
 from rigel_k8s.objects.tolerations import tolerations
@@ -45,9 +31,6 @@ from rigel_k8s.observability.options import RosMetrics
 from rigel_k8s.problems import Path
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Application
-
-#: The node that each roscore has.
-ROSOUT = "/rosout"
 
 #: What to do if a right is missing, by the kind of object; if the cluster refuses pods, by the
 #: reason of the refusal.
@@ -80,24 +63,6 @@ def has_workloads(options: OrchestrationOptions) -> bool:
     return bool(options.nodes or has_application(options) or options.deploy_ros_master)
 
 
-def deploys_master(options: OrchestrationOptions, ros: Ros) -> bool:
-    """Return whether the release has a roscore of its own; only ROS 1 has a master."""
-    if ros != "1":
-        return False
-    if options.deploy_ros_master is None:
-        return options.ros_master_uri is None and has_workloads(options)
-    return options.deploy_ros_master
-
-
-def master_uri(options: OrchestrationOptions, ros: Ros) -> str | None:
-    """Return the ROS_MASTER_URI of all nodes; an image may start roscore itself."""
-    if ros != "1":
-        return None
-    if options.ros_master_uri:
-        return str(options.ros_master_uri)
-    return MASTER_URI if deploys_master(options, ros) else f"http://localhost:{MASTER_PORT}"
-
-
 def draft(
     options: OrchestrationOptions,
     release: ReleaseId,
@@ -113,23 +78,23 @@ def draft(
     Args:
         scripts: the in-pod scripts, name to text.
         files: the texts of the nodes' parameter files.
-        program: the gate's files, name to text.
+        program: the files of the generation's program, name to text.
         previous: the objects of the last revision, which have the addresses in use.
     """
-    ros = ros_of(application.distro, options.ros)
-    gate = deploys_master(options, ros) and has_gate(options, application.distro)
-    around = ReleaseContext(
-        namespace=release.namespace,
-        release=release.name,
-        master_uri=master_uri(options, ros),
-        distro=application.distro,
-        ros=ros,
-        pull_secrets=tuple(map(str, options.image_pull_secrets)),
-        gate=gate,
+    ros = generation_of(application.distro, options.ros)
+    context = ros.in_context(
+        ReleaseContext(
+            namespace=release.namespace,
+            release=release.name,
+            distro=application.distro,
+            ros=ros,
+            pull_secrets=tuple(map(str, options.image_pull_secrets)),
+        ),
+        options,
     )
-    own = Parts(options, around, files or {})
-    made = secure(objects(own, own.plan(previous), scripts, program or {}), own)
-    return Draft(release, tuple((path, steady(item)) for path, item in made))
+    own = Parts(options, context, Texts(files or {}, program or {}))
+    made = secure(objects(own, own.plan(previous), scripts), own)
+    return Draft(release, ros, tuple((path, steady(item)) for path, item in made))
 
 
 @attrs.frozen
@@ -141,6 +106,7 @@ class Draft:
     """
 
     release: ReleaseId
+    ros: Generation
     traced: Sequence[tuple[Path, Object]]
 
     @property
@@ -173,12 +139,12 @@ class Draft:
         ]
         return Desired(
             release=self.release,
-            objects=tuple(bind_to_parameters([*bind_to_master(final)])),
+            objects=tuple(self.ros.bind(final)),
             origins={ref_of(item): path for path, item in self.traced},
             options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
             protected=frozenset(list_protected(self.objects)),
-            remedies={**REMEDIES, **remedies_of(self.objects)},
+            remedies={**REMEDIES, **self.ros.remedies(self.objects)},
         )
 
 
@@ -187,49 +153,34 @@ class Parts:
     """The workloads of a release before they are manifests."""
 
     options: OrchestrationOptions
-    around: ReleaseContext
-    files: Files
+    context: ReleaseContext
+    texts: Texts
 
     @property
-    def has_master(self) -> bool:
-        """Whether there is a roscore."""
-        return deploys_master(self.options, self.around.ros)
-
-    @property
-    def master(self) -> PodIdentity:
-        """The identity of roscore on the network."""
-        image = self.options.ros_master_image or self.around.default_image
-        return PodIdentity(MASTER_NAME, str(image), ROSOUT)
+    def companions(self) -> Sequence[Companion]:
+        """The workloads beside the nodes."""
+        return self.context.ros.companions(self.options, self.context.distro)
 
     def nodes(self) -> Iterator[RosNode]:
         """Yield the nodes."""
         volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
-            yield RosNode(str(key), node, image, self.files, volumes)
+            ros = self.context.ros.of_node(node)
+            yield RosNode(str(key), node, ros, image, self.texts.files, volumes)
 
     @property
     def exporter(self) -> RosMetrics | None:
         """What the exporter should do; None without one, or if it could see nothing."""
-        found = self.options.observability.exporter
-        seen = has_workloads(self.options) and can_be_seen(self.options, self.around.ros)
-        return found if seen else None
-
-    @property
-    def setter(self) -> PodIdentity | None:
-        """The identity of the setter of global parameters; None without one."""
-        if self.around.ros != "1" or not list_keys(self.options):
-            return None
-        return setter_identity(self.around, self.options)
+        unseen = self.context.ros.explain_unseen(self.options)
+        seen = has_workloads(self.options) and unseen is None
+        return self.options.observability.exporter if seen else None
 
     def identities(self) -> Iterator[PodIdentity]:
         """Yield the identities of all workloads on the network."""
-        if self.has_master:
-            yield self.master
-        if self.setter:
-            yield self.setter
+        yield from (companion.identity for companion in self.companions)
         if has_application(self.options):
-            yield application_identity(self.around, self.options)
+            yield application_identity(self.context, self.options)
         yield from (node.identity for node in self.nodes())
 
     def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
@@ -242,56 +193,43 @@ class Parts:
         watching = [exporter_identity(self.exporter)] if static and self.exporter else []
         return network_plan(
             network,
-            namespace=self.around.namespace,
-            release=self.around.release,
-            ros=self.around.ros,
-            distro=self.around.distro,
+            namespace=self.context.namespace,
+            release=self.context.release,
+            ros=self.context.ros,
+            distro=self.context.distro,
             middleware=self.options.middleware,
             pods=(*self.identities(), *watching),
             previous=previous,
-            pull_secrets=self.around.pull_secrets,
+            pull_secrets=self.context.pull_secrets,
         )
 
 
-def objects(
-    own: Parts, plan: NetworkPlan, scripts: Mapping[str, str], program: Mapping[str, str]
-) -> Traced:
+def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced:
     """Yield every object with the path of the options that it comes from."""
-    options, around = own.options, own.around
+    options, context = own.options, own.context
     if has_workloads(options):
-        name = scripts_config(around.release)
-        yield (), config_map(around, name, scripts, part_of=around.release)
+        name = scripts_config(context.release)
+        yield (), config_map(context, name, scripts, part_of=context.release)
         yield from network_objects(plan)
     if options.network_policy and has_workloads(options):
         watched = own.exporter is not None
-        for item in policy_objects(around, options.network_policy, exporter=watched):
+        for item in policy_objects(context, options.network_policy, exporter=watched):
             yield ("network_policy",), item
     volumes = options.persistent_storage.volumes
-    for index, item in storage(volumes, around.namespace, around.release):
+    for index, item in storage(volumes, context.namespace, context.release):
         yield ("persistent_storage", "volumes", index), item
-    if own.has_master:
-        params = options.additional_k8s_params.ros_master
-        wired = wire_pod(plan, own.master)
-        if around.gate:
-            for item in gate_objects(around, program):
-                yield ("gate",), item
-        selector = options.ros_master_placement.node_selector
-        master = master_deployment(around, own.master.image, params, wired, selector)
-        yield ("deploy_ros_master",), master_service(around, master)
-        yield ("deploy_ros_master",), master
-    if own.setter:
-        wired = wire_pod(plan, own.setter)
-        for item in setter_objects(around, options, own.files, wired, placement(options)):
-            yield (list_keys(options)[0],), item
+    for companion in own.companions:
+        wired = wire_pod(plan, companion.identity)
+        yield from companion.objects(context, own.texts, wired, placement(options))
     if has_application(options):
         path = "application_image" if options.application_image else "additional_k8s_params"
-        wired = wire_pod(plan, application_identity(around, options))
-        yield (path,), application_deployment(around, options, wired, ready_words(plan))
+        wired = wire_pod(plan, application_identity(context, options))
+        yield (path,), application_deployment(context, options, wired, context.ros.probe(plan))
     for node in own.nodes():
-        for item in node_objects(around, node, plan):
+        for item in node_objects(context, node, plan):
             yield ("nodes", node.key), item
     if own.exporter:
-        for item in exporter_objects(around, own.exporter, graph_of(own, plan), plan):
+        for item in exporter_objects(context, own.exporter, graph_of(own, plan), plan):
             yield ("observability",), item
 
 
@@ -302,7 +240,7 @@ def secure(made: Traced, own: Parts) -> Traced:
         if security is None or item["metadata"]["name"] == EXPORTER:
             yield path, item
         else:
-            yield path, restrict(item, security, own.around.ros)
+            yield path, restrict(item, security, own.context.ros)
 
 
 def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:
@@ -311,22 +249,21 @@ def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:
     domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
     domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
     near = [node for node in nodes if domains[node.key] == domain]
-    named = {node.ros_name: node for node in near if node.ros_name and own.around.ros != "none"}
-    ours = {name: node.name for name, node in named.items() if sets_name(own.around.ros, node)}
+    named = {node.ros_name: node for node in near if node.ros_name}
+    ours = {name: node.name for name, node in named.items() if sets_name(node)}
     rest = {name: node.name for name, node in named.items() if name not in ours}
-    if own.around.ros == "2":  # a nodelet is not a separate node in the graph of ROS 1
+    loading = own.context.ros.components
+    if loading is not None and loading.are_nodes:
         ours |= {
             one.full_name(key): n.name for n in near for key, one in n.options.components.items()
         }
-    if own.has_master:
-        ours[ROSOUT] = MASTER_NAME
+    ours |= {one.ros_name: one.identity.name for one in own.companions if one.ros_name}
     return WatchedGraph(ours, rest, domain or 0, placement(own.options))
 
 
-def sets_name(ros: Ros, node: RosNode) -> bool:
+def sets_name(node: RosNode) -> bool:
     """Return whether a program gets its ROS name here; others may have a name of their own."""
-    line = program(ros, node.options)
-    return not node.options.launch and takes_ros_arguments(ros, line)
+    return not node.options.launch and node.ros.takes_arguments(node.ros.program(node.options))
 
 
 def placement(options: OrchestrationOptions) -> Mapping[str, Any]:

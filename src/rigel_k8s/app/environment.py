@@ -7,7 +7,7 @@ from typing import Any
 
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.podoptions import EnvVar
-from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
+from rigel_k8s.objects.pods import SCRIPTS_PATH, Object
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import text_of
 
@@ -27,48 +27,15 @@ def environment(
 
 
 def ros_variables(
-    around: ReleaseContext, *, namespace: str | None = None, host_network: bool = False
+    release: ReleaseContext, *, namespace: str | None = None, host_network: bool = False
 ) -> dict[str, Object]:
-    """Return ROS' own variables; a plain DDS application has none."""
-    if around.ros == "none":
+    """Return ROS' own variables; a program without ROS has none."""
+    if not release.ros.nodes:
         return {}
-    own = ros2_variables()
-    if around.ros == "1":
-        own = ros1_variables(around.master_uri, namespace=namespace, host_network=host_network)
+    own = release.ros.variables(
+        release, namespace, "status.hostIP" if host_network else "status.podIP"
+    )
     return own | {"PROMPT_COMMAND": {"value": f". {SCRIPTS_PATH}/rc.sh"}}
-
-
-def ros1_variables(
-    master_uri: str | None, *, namespace: str | None, host_network: bool
-) -> dict[str, Object]:
-    """Return the variables of a ROS 1 container.
-
-    ROS_IP makes a node advertise an address that other pods reach: a pod's name resolves nowhere.
-    The rest makes rospy and roscpp log at once.
-    """
-    address = "status.hostIP" if host_network else "status.podIP"
-    return {
-        "ROS_MASTER_URI": {"value": master_uri},
-        "ROS_IP": {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": address}}},
-        "ROS_NAMESPACE": {"value": namespace},
-        "PYTHONUNBUFFERED": {"value": "1"},
-        "ROSCONSOLE_STDOUT_LINE_BUFFERED": {"value": "1"},
-    }
-
-
-def ros2_variables() -> dict[str, Object]:
-    """Return the variables of a ROS 2 container.
-
-    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start if it
-    cannot write a log directory, for example with another user or a read-only root.
-    """
-    return {
-        "PYTHONUNBUFFERED": {"value": "1"},
-        "RCUTILS_COLORIZED_OUTPUT": {"value": "0"},
-        "RCUTILS_LOGGING_USE_STDOUT": {"value": "1"},
-        "RCUTILS_LOGGING_BUFFERED_STREAM": {"value": "1"},
-        "ROS_LOG_DIR": {"value": LOG_PATH},
-    }
 
 
 def has_value(source: Mapping[str, Any]) -> bool:

@@ -16,11 +16,10 @@ from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.placing import affinity
-from rigel_k8s.app.programs import command_of, prepare, run_by_lifecycle
-from rigel_k8s.app.ros1commands import Command, full_name
-from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
+from rigel_k8s.app.programs import Command, full_name, put_start_before, wrap
+from rigel_k8s.app.updating import Way, choose_way
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.modes import wire_pod
-from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.naming import (
@@ -61,6 +60,7 @@ class RosNode:
     """A node with everything needed to build its objects.
 
     Attributes:
+        ros: its own, which is not the release's if it is a program without ROS.
         image: its image, or the job's.
         files: the texts of its parameter files, by the names in `parameter_files`.
         volumes: the release's persistent volumes, by name.
@@ -68,6 +68,7 @@ class RosNode:
 
     key: str
     options: NodeOptions
+    ros: Generation
     image: str
     files: Mapping[str, str] = attrs.field(factory=dict)
     volumes: Mapping[str, Volume] = attrs.field(factory=dict)
@@ -85,7 +86,7 @@ class RosNode:
     @property
     def ros_name(self) -> str | None:
         """The full ROS name, None if it is generated at the start or there is no ROS."""
-        if self.options.anonymous or self.options.ros == "none":
+        if self.options.anonymous or not self.ros.nodes:
             return None
         return full_name(self.key, self.options)
 
@@ -96,7 +97,6 @@ class RosNode:
         return PodIdentity(
             self.name,
             self.image,
-            self.ros_name,
             None if replicas is None else int(replicas),
             on_machine=self.options.host_network,
             like=drop_empty(
@@ -113,10 +113,9 @@ class RosNode:
 
 def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Iterator[Object]:
     """Yield a node's objects."""
-    if node.options.ros == "none":
-        around = attrs.evolve(around, ros="none")
-    command = command_of(around.ros, node.key, node.options, node.files)
-    command = load_components(command, around.ros, node.key, node.options)
+    around = attrs.evolve(around, ros=node.ros)
+    command = node.ros.command_of(node.key, node.options, node.files)
+    command = load_components(command, node.ros.components, node.key, node.options)
     command = make_transitions(command, node.key, node.options)
     if command.files:
         yield config_map(around, parameters_config(node), command.files, part_of=node.name)
@@ -127,7 +126,7 @@ def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> It
 
 def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     """Return the network of a node, which may set its own domain."""
-    own = find_literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
+    own = find_literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros.rmw else None
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 
@@ -136,15 +135,15 @@ def node_deployment(
 ) -> Object:
     """Return a node's Deployment with the user's patch merged in."""
     options = node.options
-    name = node.ros_name if around.ros != "none" else None
+    name = node.ros_name
     wired = wiring_of(node, plan)
-    way = way_of(around, node, plan, wired)
-    if way.lifecycle:
-        command = run_by_lifecycle(command)
-    command = prepare(command)
+    way = way_of(around, node, plan)
+    if way.script:
+        command = wrap(command, way.script)
+    command = put_start_before(command)
     notes = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
-    if node.options.ros == "none":
-        notes[ROS_ANNOTATION] = "none"
+    if node.options.ros:
+        notes[ROS_ANNOTATION] = node.options.ros
     made = deployment(
         around,
         node.name,
@@ -166,25 +165,23 @@ def node_deployment(
     return merged
 
 
-def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan, wired: Wiring) -> Way:
+def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
     """Return how a node is updated."""
-    options, name = node.options, node.ros_name
-    if around.ros == "1":
-        own_master = "ROS_MASTER_URI" in wired.env
-        obstacle = find_obstacle(options, node.volumes, own_master=own_master)
-    else:
-        obstacle = find_lifecycle_obstacle(options, node.volumes, plan.options, plan.middleware)
+    options = node.options
+    obstacle = node.ros.find_obstacle(options, node.volumes, plan.options, plan.middleware)
     anonymous = options.anonymous
-    return choose_way(around, options.update, obstacle, anonymous=anonymous, ros_name=name)
+    return choose_way(
+        around, node.name, node.ros_name, options.update, obstacle, anonymous=anonymous
+    )
 
 
 def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
     """Return what the network adds to a node; a program without ROS gets no variable of ROS."""
     if node.options.ros is None:
         return wire_pod(plan, node.identity)
-    if plan.ros == "1":  # all its variables are ROS' own
+    if not plan.ros.dds:  # all its variables are ROS' own
         return attrs.evolve(wire_pod(plan, node.identity), env={})
-    return wire_pod(attrs.evolve(plan, ros="none"), node.identity)
+    return wire_pod(attrs.evolve(plan, ros=node.ros), node.identity)
 
 
 def pod_spec(
@@ -251,19 +248,18 @@ def container(
 
 def own_variables(node: RosNode, way: Way) -> dict[str, Object]:
     """Return the variables for the scripts in a node's pod."""
-    return {**way.env(node.name), **list_variables(node.key, node.options)}
+    return {**way.env, **list_variables(node.key, node.options)}
 
 
 def asked_words(node: RosNode, plan: NetworkPlan, way: Way) -> tuple[str, ...]:
     """Return what the readiness probe of a node checks: the network, then scripts next to it."""
     options = node.options
     waited_for = {
-        "--lifecycle": bool(way.lifecycle),
         "--transitions": bool(options.lifecycle and options.lifecycle.start),
         "--components": bool(options.components),
     }
     beside = ((option, full_name(node.key, options)) for option, on in waited_for.items() if on)
-    return (*ready_words(plan), *chain.from_iterable(beside))
+    return (*plan.ros.probe(plan), *way.probe, *chain.from_iterable(beside))
 
 
 def grace_seconds(options: NodeOptions) -> int | None:

@@ -35,6 +35,12 @@ class ParameterOptions(Protocol):
         """Commands by the name of the parameter that they print."""
 
 
+def list_global_keys(options: ParameterOptions) -> list[str]:
+    """Return the keys of a job's parameters, which do not belong to a node."""
+    keys = ("parameters", "parameter_files", "parameter_commands")
+    return [key for key in keys if getattr(options, key)]
+
+
 def file_of(item: str | ParameterFile) -> ParameterFile:
     """Return a parameter file, written as a path or in full."""
     return item if isinstance(item, ParameterFile) else ParameterFile(file=item)
@@ -69,6 +75,13 @@ def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from flat(value, f"{full}/")
         else:
             yield full, value
+
+
+def flat_values(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Yield each parameter's first key, full name and value."""
+    for key, value in parameters.items():
+        for name, inner in flat({key: value}):
+            yield str(key), name, inner
 
 
 def unify_lists(value: Any) -> Any:

@@ -1,48 +1,58 @@
-"""What a node's container runs, by its ROS version."""
+"""What a container runs, before its generation of ROS adds arguments: lines, and scripts beside."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import attrs
 
-from rigel_k8s.app import ros1commands, ros2commands
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.ros1commands import Command
-from rigel_k8s.objects.naming import Ros
+from rigel_k8s.generation import Generation
+from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
-from rigel_k8s.objects.text import split_words
+from rigel_k8s.option_text import text_of
+
+SHELLS = ("sh", "bash", "dash", "ash", "zsh")
+#: Programs that would misread an argument of ROS, or do not pass it on.
+NO_ROS_ARGUMENTS = frozenset(
+    (*SHELLS, "busybox", "env")
+    + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
+)
 
 
-def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
-    """Return what a node's container runs; a plain DDS program gets no argument of ROS."""
-    if ros == "2":
-        return ros2commands.command_of(key, node, files)
-    if ros == "1":
-        return ros1commands.command_of(key, node, files)
-    if node.command is not None:
-        return Command(command=split_words(node.command))
-    return Command(args=split_words(node.args) if node.args is not None else None)
+@attrs.frozen
+class Command:
+    """A container's command and args (None: the image's own), and its parameter files.
+
+    Attributes:
+        files: name to text, to be mounted at PARAMETERS_PATH.
+        start: the words of start.sh, which `put_start_before` puts before all others; empty
+            if there is nothing to prepare.
+    """
+
+    command: Sequence[str] | None = None
+    args: Sequence[str] | None = None
+    files: Mapping[str, str] = attrs.field(factory=dict)
+    start: Sequence[str] = ()
 
 
-def program(ros: Ros, node: NodeOptions) -> list[str]:
-    """Return the program and its own arguments; empty for the image's CMD."""
-    return ros2commands.program(node) if ros == "2" else ros1commands.program(node)
+def full_name(key: str, node: NodeOptions) -> str:
+    """Return the full ROS name of a node."""
+    return ros_name(node.name or key, node.namespace)
 
 
-def find_program(ros: Ros, node: NodeOptions) -> list[str]:
+def assignments(pairs: Mapping[Any, Any]) -> Iterator[str]:
+    """Yield `name:=value` for each pair."""
+    return (f"{name}:={text_of(value)}" for name, value in pairs.items())
+
+
+def find_program(ros: Generation, node: NodeOptions) -> list[str]:
     """Return what a node runs; empty for an invalid command line, which others report."""
     try:
-        return program(ros, node)
+        return ros.program(node)
     except ValueError:
         return []
-
-
-def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
-    """Return whether names, remappings and parameters can be appended to a command line."""
-    if ros == "2":
-        return ros2commands.takes_ros_arguments(line)
-    return ros == "1" and ros1commands.takes_ros_arguments(line)
 
 
 def run_beside(command: Command, *words: str) -> Command:
@@ -50,12 +60,7 @@ def run_beside(command: Command, *words: str) -> Command:
     return wrap(command, "beside.sh", *words, "--")
 
 
-def run_by_lifecycle(command: Command) -> Command:
-    """Return a command whose lifecycle node is handed over; see src/rigel_inpod/README.md."""
-    return wrap(command, "lifecycle.sh")
-
-
-def prepare(command: Command) -> Command:
+def put_start_before(command: Command) -> Command:
     """Return a command that start.sh completes, before anything runs next to the node."""
     return put_before(command, *command.start, "--") if command.start else command
 
@@ -70,3 +75,8 @@ def put_before(command: Command, *before: str) -> Command:
     if command.command is not None:
         return attrs.evolve(command, command=[*before, *command.command])
     return attrs.evolve(command, args=[*before, *(command.args or ())])
+
+
+def explain_not_passed(line: Sequence[str], key: str) -> str:
+    """Return that a program does not pass an option on to the node that it starts."""
+    return f"{line[0]} does not pass {key} on to the node: use args with the node's program"

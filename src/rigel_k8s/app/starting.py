@@ -9,7 +9,6 @@ from typing import Any
 
 from rigel_k8s.app.environment import Extra, entries
 from rigel_k8s.app.parameters import PARAMETERS_PATH, ParameterOptions, file_of, list_paths
-from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.substitution_args import has_substitution, split_line
@@ -31,9 +30,9 @@ def split(options: ParameterOptions, line: str | Sequence[Any]) -> list[str]:
     return split_line(str(line)) if together else split_words(line)
 
 
-def begin(ros: Ros, options: ParameterOptions, env: Extra = ()) -> Iterator[str]:
-    """Yield the first words: what is substituted."""
-    yield from ("/bin/sh", f"{SCRIPTS_PATH}/start.sh", f"ros{ros}")
+def begin(ros: str, options: ParameterOptions, env: Extra = ()) -> Iterator[str]:
+    """Yield the first words: how parameters are loaded, ros1 or ros2, and what is substituted."""
+    yield from ("/bin/sh", f"{SCRIPTS_PATH}/start.sh", ros)
     if options.substitution_args:
         yield "--substitute"
         for name, source in entries(env):

@@ -9,18 +9,13 @@ import attrs
 
 from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import program, takes_ros_arguments
-from rigel_k8s.network.modes import mode_of
-from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
-from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME, Object
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 
-#: On a Deployment of ROS 1, and on one of ROS 2 that hands over: how it is updated, and why.
+#: On a Deployment whose updates may hand over: how it is updated, and why.
 UPDATE_ANNOTATION = "rigel-k8s/update"
-#: The ROS_MASTER_URI of pods whose nodes hand over their names: the gate recognises its port.
-GATE_URI = f"http://{MASTER_NAME}:{GATE_PORT}"
 #: Access modes of volumes that only one machine, or only one pod, may mount.
 EXCLUSIVE = ("ReadWriteOnce", "ReadWriteOncePod")
 
@@ -32,18 +27,17 @@ class Way:
     Attributes:
         reason: why it is not handed over, for users; "" for HandOver.
         update: the user's options for it.
-        lifecycle: the full ROS name of the lifecycle node that is handed over, in ROS 2.
+        env: what a pod needs for being handed over: variables,
+        script: an in-pod script that starts the program,
+        probe: and further words of the readiness probe.
     """
 
     name: Literal["HandOver", "Recreate", "Rolling"]
     reason: str = ""
     update: RollingUpdate = attrs.field(factory=RollingUpdate)
-    lifecycle: str | None = None
-
-    @property
-    def hands_over(self) -> bool:
-        """Whether the new pod works only after the old one has stopped working."""
-        return self.name == "HandOver"
+    env: Mapping[str, Object] = attrs.field(factory=dict)
+    script: str | None = None
+    probe: tuple[str, ...] = ()
 
     @property
     def strategy(self) -> Object:
@@ -56,25 +50,11 @@ class Way:
         }
         return {"type": "RollingUpdate", "rollingUpdate": numbers}
 
-    def annotations(self, around: ReleaseContext) -> dict[str, str]:
+    def annotations(self, release: ReleaseContext) -> dict[str, str]:
         """Return the annotations about a Deployment's updates."""
-        if not self.lifecycle and (around.ros != "1" or not around.gate):
+        if self.name != "HandOver" and not (release.gate and release.ros.hands_over):
             return {}
         return {UPDATE_ANNOTATION: f"{self.name}: {self.reason}" if self.reason else self.name}
-
-    def env(self, workload: str) -> dict[str, Object]:
-        """Return the variables of a workload's pods."""
-        if not self.hands_over:
-            return {}
-        if self.lifecycle:
-            pod = {"fieldRef": {"apiVersion": "v1", "fieldPath": "metadata.name"}}
-            return {
-                "RIGEL_K8S_LIFECYCLE": {"value": self.lifecycle},
-                "RIGEL_K8S_POD": {"valueFrom": pod},
-            }
-        warm = {"RIGEL_K8S_WARM": {"value": "1"}} if self.update.warm else {}
-        named = {"RIGEL_K8S_WORKLOAD": {"value": workload}}
-        return {"ROS_MASTER_URI": {"value": GATE_URI}, **named, **warm}
 
 
 def is_rolling(update: RollingUpdate | None) -> bool:
@@ -92,19 +72,19 @@ def requests_hand_over(update: RollingUpdate | None) -> bool:
 
 
 def choose_way(
-    around: ReleaseContext,
+    release: ReleaseContext,
+    workload: str,
+    ros_name: str | None,
     update: RollingUpdate | None,
     obstacle: str | None,
     *,
     anonymous: bool = False,
-    ros_name: str | None = None,
 ) -> Way:
     """Return how a workload is updated.
 
     Args:
-        obstacle: why two of it cannot run, or why the gate cannot manage them; see `find_obstacle`
-            and `find_lifecycle_obstacle`.
         ros_name: the full name of the node, if it is known.
+        obstacle: why it cannot be handed over; see Generation.find_obstacle.
     """
     asked = update or RollingUpdate()
     if is_rolling(update):
@@ -113,74 +93,28 @@ def choose_way(
         return Way("Recreate", "`update` requests it", asked)
     if anonymous:
         return Way("Rolling", "its ROS name differs in each pod", asked)
-    if around.ros != "1":
-        if requests_hand_over(update) and ros_name and not obstacle:
-            return Way("HandOver", "", asked, ros_name)
-        return Way("Recreate", "only lifecycle nodes can be handed over in DDS", asked)
-    if not around.gate:
-        return Way("Recreate", "roscore has no gate", asked)
-    return Way("Recreate", obstacle, asked) if obstacle else Way("HandOver", "", asked)
+    return release.ros.choose_way(release, workload, ros_name, asked, obstacle)
 
 
-def find_lifecycle_obstacle(
-    node: NodeOptions,
-    volumes: Mapping[str, Volume],
-    network: Network | None,
-    middleware: str | None,
-) -> str | None:
-    """Return why a lifecycle node of ROS 2 cannot be handed over to another pod.
-
-    Args:
-        volumes: the release's persistent volumes, by name.
-    """
-    if node.ros == "none":
-        return "it has no ROS"
-    if node.launch:
-        return "a launch file gives its nodes their names: use package and executable, or args"
-    if node.lifecycle:
-        return "it makes the transitions of `lifecycle`: remove one of the two"
-    if node.components:
-        return "its components are loaded again, and would run beside those of the old pod"
-    try:
-        line = program("2", node)
-    except ValueError:
-        return "its command line cannot be split into words"
-    if not takes_ros_arguments("2", line):
-        return "its services get names of their own, by arguments that only a program takes"
-    if network is not None:
-        mode = mode_of(network)
-        middleware = mode.middleware or middleware
-        if mode.in_machine_network:
-            return "it uses the machine's own network"
-        if network.ipam == "static":
-            return "with `ipam: static` two pods would have one address"
-        if mode.one_pod:
-            return f"with `{network.mode}` the two pods do not find each other"
-    if middleware == "zenoh":
-        return "hand-over needs DDS, and this is zenoh"
-    return find_obstacle(node, volumes, ready_by=(None, "ros", "dds"))
+def recreate(*_: Any) -> Way:
+    """Return how workloads of a generation are updated that hands nothing over."""
+    return Way("Recreate", "nothing arbitrates between two programs")
 
 
 def find_obstacle(
-    node: NodeOptions,
-    volumes: Mapping[str, Volume],
-    *,
-    own_master: bool = False,
-    ready_by: Sequence[str | None] = (None, "ros"),
+    node: NodeOptions, volumes: Mapping[str, Volume], ready_by: Sequence[str | None]
 ) -> str | None:
-    """Return why two pods of a node cannot run side by side, or the gate cannot manage them.
+    """Return why two pods of a node cannot run side by side, whatever arbitrates between them.
 
     Args:
         volumes: the release's persistent volumes, by name.
-        own_master: the network gives it a ROS_MASTER_URI of its own.
         ready_by: the readiness checks that support hand-overs.
     """
-    found = {
-        "it has a readiness check of its own": node.readiness not in ready_by,
-        "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
-    }
-    own = next((reason for reason, holds in found.items() if holds), None)
-    return find_own_machine(node) or own or find_shared(node, volumes)
+    if own := find_own_machine(node):
+        return own
+    if node.readiness not in ready_by:
+        return "it has a readiness check of its own"
+    return find_shared(node, volumes)
 
 
 def find_clash(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:

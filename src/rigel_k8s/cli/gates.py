@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
-from rigel_gate.registry import host_of
 from rigel_k8s.release.status import ReleaseStatus
-from rigel_k8s.rosgraph.gate import GateStatus
+from rigel_k8s.rosgraph.handover import GateStatus
 
 
 def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
@@ -14,7 +14,7 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
     pods = {pod.ip: pod.name for workload in found.workloads for pod in workload.pods if pod.ip}
 
     def place(api: str) -> str:
-        host = host_of(api)
+        host = urlsplit(api).hostname or api
         return f"pod {pods[host]}" if host in pods else f"{host} (no pod of this release)"
 
     if gate.problem:

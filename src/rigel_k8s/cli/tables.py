@@ -19,7 +19,7 @@ from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
-from rigel_k8s.rosgraph.gate import GateStatus
+from rigel_k8s.rosgraph.handover import GateStatus
 
 #: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"

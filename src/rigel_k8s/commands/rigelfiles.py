@@ -10,6 +10,7 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.errors import UserError
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import Kind
@@ -94,7 +95,7 @@ def init(path: Path, *, ros: str, force: bool) -> None:
     """
     if path.exists() and not force:
         raise UserError(f"{path} already exists", hint="overwrite it with --force")
-    path.write_text(grammar.STARTERS[ros])
+    path.write_text(grammar.render_starter(GENERATIONS[ros].starter))
 
 
 def schema() -> dict[str, Any]:

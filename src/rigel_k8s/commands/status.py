@@ -12,7 +12,7 @@ from rigel_k8s.discovery.check import survey
 from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
-from rigel_k8s.rosgraph.gate import GateStatus, read_gate
+from rigel_k8s.rosgraph.handover import GateStatus, read_gate
 from rigel_k8s.settings import Settings
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 
 from rigel_inpod import MOUNT_PATH
+from rigel_k8s.generation import GENERATIONS, Generation
 from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_out_of_reach
@@ -86,7 +87,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     annotations = meta.get("annotations") or {}
     note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
     container = find_container(spec)
-    if "mode" not in note or note.get("ros") == "1" or container is None:
+    if "mode" not in note or container is None or not generation_of_note(note).dds:
         return None
     if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: its DDS is not checked
         return None
@@ -110,6 +111,11 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         reachable=not is_out_of_reach(pod),
         probed=PROBE in probe_words(container),
     )
+
+
+def generation_of_note(note: Mapping[str, Any]) -> Generation:
+    """Return the generation of a pod's network annotation; a pod of the first one has none."""
+    return GENERATIONS.get(str(note.get("ros")), next(iter(GENERATIONS.values())))
 
 
 def parse_json(text: str | None, otherwise: Any) -> Any:

@@ -11,11 +11,11 @@ from functools import cache
 
 import attrs
 
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import MODES, mode_of
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.network.rangechecks import check_ranges
-from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 
@@ -32,8 +32,8 @@ def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
     mode = mode_of(network)
     yield from check_keys(network)
     yield from check_domain(network, use.ros)
-    if use.ros == "1" and use.ros not in mode.ros:
-        message = f"{mode.name} is for ROS 2; nodes of ROS 1 find each other through roscore"
+    if not use.ros.dds and not mode.with_master:
+        message = f"{mode.name} is for DDS; nodes of {use.ros.title} find each other by a master"
         yield Problem(mode_path(network), message, "ros1")
     if use.middleware == "zenoh" and mode.name not in ("zenoh", "none"):
         message = "zenoh finds others through its router, not by DDS: set `network: zenoh`"
@@ -78,14 +78,14 @@ def explain_unused(network: Network) -> str | None:
     return None
 
 
-def check_domain(network: Network, ros: Ros) -> Iterator[Problem]:
+def check_domain(network: Network, ros: Generation) -> Iterator[Problem]:
     """Yield domains that do not exist, or whose ports other programs may have."""
     domain = network.domain_id
     if domain is None:
         return
     path = ("network", "domain_id")
-    if ros == "1":
-        yield Problem(path, "ROS 1 has no domains: leave it out", "ros1", at_key=True)
+    if not ros.dds:
+        yield Problem(path, f"{ros.title} has no domains: leave it out", "ros1", at_key=True)
     elif not 0 <= domain <= LAST_DOMAIN:
         yield Problem(path, f"{domain} is not a DDS domain: 0 to {LAST_DOMAIN}", "bad-domain")
     elif domain in UNSAFE:

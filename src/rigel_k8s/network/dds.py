@@ -38,12 +38,12 @@ FASTDDS_2, FASTDDS_3 = EARLY | {"jazzy"}, frozenset({"kilted", "lyrical", "rolli
 
 def uses(plan: NetworkPlan, middleware: str) -> bool:
     """Return whether a pod may run a middleware: the options name it, or they name none."""
-    return plan.middleware in (None, middleware)
+    return plan.ros.dds and plan.middleware in (None, middleware)
 
 
 def reads_udp_only(plan: NetworkPlan) -> bool:
     """Return whether the application's Fast DDS certainly reads udp_only(), with its options."""
-    return plan.ros == "2" and plan.distro.lower() not in EARLY
+    return plan.ros.rmw and plan.distro.lower() not in EARLY
 
 
 def udp_only(plan: NetworkPlan) -> Variables:
@@ -55,7 +55,7 @@ def udp_only(plan: NetworkPlan) -> Variables:
 def fastdds_variables(plan: NetworkPlan) -> Variables:
     """Return the variables that name the profiles, for all versions that the pod may have."""
     source = {"value": f"{FILES_PATH}/{FASTDDS_FILE}"}
-    distro = plan.distro.lower() if plan.ros == "2" else ""
+    distro = plan.distro.lower() if plan.ros.rmw else ""
     old = {} if distro in FASTDDS_3 else {OLD_VARIABLE: source}
     new = {} if distro in FASTDDS_2 else {NEW_VARIABLE: source}
     return old | new
@@ -134,8 +134,6 @@ def pinned_variables(plan: NetworkPlan) -> Variables:
 
 def pinned_files(plan: NetworkPlan, interface: str) -> dict[str, str]:
     """Return the files that pin DDS to one interface."""
-    if plan.ros == "1":
-        return {}
     found = {}
     if uses(plan, "fastdds"):
         found[FASTDDS_FILE] = fastdds_profile(ADDRESS)

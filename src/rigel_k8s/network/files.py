@@ -40,7 +40,7 @@ MACHINE_ID = {
 def make_context(plan: NetworkPlan) -> ReleaseContext:
     """Return the context that all objects of a mode share."""
     return ReleaseContext(
-        plan.namespace, plan.release, None, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
+        plan.namespace, plan.release, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
     )
 
 

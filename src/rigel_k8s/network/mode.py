@@ -10,9 +10,9 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
-from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
@@ -25,7 +25,7 @@ class ModeUse:
         middleware: fastdds, cyclonedds or zenoh; None if the options name none.
     """
 
-    ros: Ros
+    ros: Generation
     distro: str
     middleware: str | None
 
@@ -45,7 +45,7 @@ class Mode:
             exporter/config.py.
         interface: the only network interface that DDS uses, None for all of them.
         keys: the options that only some modes read, this one included.
-        ros: which ROS it is for.
+        with_master: it is for nodes that find each other at a master, too.
         middleware: the only middleware that works with it.
         attached: its pods get a second interface from Multus.
         on_machines: it leaves the pod network and needs something of the machines.
@@ -66,7 +66,7 @@ class Mode:
     join: Callable[[NetworkPlan, Network], Mapping[str, Any]] = lambda plan, network: {}
     interface: Callable[[Network], str | None] = lambda network: None
     keys: frozenset[str] = frozenset()
-    ros: frozenset[str] = frozenset({"2", "none"})
+    with_master: bool = False
     middleware: str | None = None
     attached: bool = False
     on_machines: bool = False

@@ -26,7 +26,7 @@ from rigel_k8s.objects.pods import Object
 
 def wire_neighbor(plan: NetworkPlan) -> Wiring:
     """Return what a pod on its machine's network gets."""
-    if plan.ros == "1" or not uses(plan, "fastdds"):
+    if not uses(plan, "fastdds"):
         return Wiring()
     if reads_udp_only(plan):
         return Wiring(env=udp_only(plan))
@@ -35,5 +35,5 @@ def wire_neighbor(plan: NetworkPlan) -> Wiring:
 
 def neighbor_files(plan: NetworkPlan) -> Iterator[Object]:
     """Yield the ConfigMap with the profile, if these pods need it."""
-    if plan.ros != "1" and uses(plan, "fastdds") and not reads_udp_only(plan):
+    if uses(plan, "fastdds") and not reads_udp_only(plan):
         yield files_config(plan, {FASTDDS_FILE: fastdds_profile()})

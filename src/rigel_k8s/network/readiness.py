@@ -8,9 +8,7 @@ from rigel_k8s.network.wiring import NetworkPlan
 
 
 def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
-    """Return the script's arguments: about ROS 1 nodes, about zenoh's router, or about DDS."""
-    if plan.ros == "1":
-        return ("node",)
+    """Return the script's arguments: about zenoh's router, or about DDS."""
     if plan.middleware == "zenoh":
         return ("zenoh", "--port", str(ZENOH_PORT))
     interface = ("--interface", INTERFACE) if mode_of(plan.options).attached else ()

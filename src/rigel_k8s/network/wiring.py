@@ -8,8 +8,8 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.naming import Ros
 
 Object = dict[str, Any]
 
@@ -27,7 +27,6 @@ class PodIdentity:
     Attributes:
         name: the workload's Kubernetes name, also that of its Service in mode `peers`.
         image: its container's image, from which init containers are made.
-        ros_name: the full ROS name where it is fixed.
         replicas: how many pods, None for one.
         on_machine: its own options put it on its machine's network, whatever the release's mode.
         like: fields of its container that init containers share: imagePullPolicy, resources, and
@@ -36,7 +35,6 @@ class PodIdentity:
 
     name: str
     image: str
-    ros_name: str | None = None
     replicas: int | None = None
     on_machine: bool = False
     like: Mapping[str, Any] = attrs.field(factory=dict)
@@ -48,7 +46,6 @@ class NetworkPlan:
 
     Attributes:
         options: as written; None where the Rigelfile has no `network`.
-        ros: which ROS, "none" for plain DDS.
         distro: application.distro.
         middleware: fastdds, cyclonedds or zenoh; None if the options name none.
         domain_id: the DDS domain; None if only the images set it.
@@ -60,7 +57,7 @@ class NetworkPlan:
     namespace: str
     release: str
     options: Network | None
-    ros: Ros
+    ros: Generation
     distro: str
     middleware: str | None = None
     domain_id: int | None = None
@@ -97,7 +94,7 @@ def network_note(plan: NetworkPlan, **more: Any) -> dict[str, str]:
     """Return the annotation that describes how a pod is networked."""
     given = {
         "mode": plan.mode,
-        "ros": plan.ros,
+        "ros": plan.ros.name,
         "middleware": plan.middleware,
         "domain": plan.domain_id,
         **more,

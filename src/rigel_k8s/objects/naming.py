@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import re
-from typing import Literal
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
-
-#: Which ROS an application is of; "none" is a plain DDS application.
-Ros = Literal["1", "2", "none"]
 
 #: The selector's label; it is the one of src.plugin; it cannot change because selectors cannot.
 NAME_LABEL = "app.kubernetes.io/name"

@@ -7,9 +7,10 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.objects.naming import Ros, labels, selector
+from rigel_k8s.generation import Generation
+from rigel_k8s.objects.naming import labels, selector
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, log_volume
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume
 
 
 @attrs.frozen
@@ -17,19 +18,18 @@ class ReleaseContext:
     """What is the same for all objects of a release.
 
     Attributes:
-        master_uri: ROS_MASTER_URI of all nodes; None leaves it to the images.
         distro: the ROS distribution, which decides the default image.
-        ros: which ROS, "none" for a plain DDS application.
         pull_secrets: names of Secrets with registry credentials.
+        master_uri: ROS_MASTER_URI of all nodes; None leaves it to the images.
         gate: whether the release's roscore is behind a gate.
     """
 
     namespace: str
     release: str
-    master_uri: str | None
     distro: str
-    ros: Ros = "1"
+    ros: Generation
     pull_secrets: Sequence[str] = ()
+    master_uri: str | None = None
     gate: bool = False
 
     @property
@@ -117,10 +117,9 @@ def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
 
 def readiness_of(around: ReleaseContext, asked: Readiness | str | None) -> Readiness | str | None:
     """Return what makes a pod ready; an image without ROS may have no Python for our probes."""
-    return asked or ("none" if around.ros == "none" else None)
+    return asked or around.ros.readiness
 
 
 def ros_volumes(around: ReleaseContext) -> list[tuple[Object, Object]]:
     """Return (volume, mount) of what is ours in each pod."""
-    logs = [log_volume()] if around.ros == "2" else []
-    return [inpod_volume(around.release), *logs]
+    return [inpod_volume(around.release), *around.ros.volumes()]

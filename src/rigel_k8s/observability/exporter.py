@@ -105,7 +105,7 @@ def pod(
         "terminationGracePeriodSeconds": 20,
     }
     # ROS 1 nodes on their machines' own networks can be reached from anywhere, multicast cannot.
-    return made | (dict(wired.pod) if around.ros != "1" else {})
+    return made | (dict(wired.pod) if around.ros.dds else {})
 
 
 def exporter_container(around: ReleaseContext, options: RosMetrics, wired: Wiring) -> Object:
@@ -116,7 +116,7 @@ def exporter_container(around: ReleaseContext, options: RosMetrics, wired: Wirin
         part,
         EXPORTER_IMAGE,
         RESOURCES,
-        **({"env": [{"name": "ROS_IP", **address(wired)}]} if around.ros == "1" else {}),
+        **({} if around.ros.dds else {"env": [{"name": "ROS_IP", **address(wired)}]}),
         ports=[{"name": "metrics", "containerPort": EXPORTER_PORT}],
         volumeMounts=[{"name": VOLUME, "mountPath": DIRECTORY, "readOnly": True}],
         **probes(),
@@ -150,7 +150,7 @@ def configuration(
     """Return the exporter's configuration; src/rigel_exporter/config.py reads it."""
     interval = options.interval.seconds if options.interval else None
     fields = {
-        "ros": around.ros,
+        "ros": around.ros.name,
         "expected": dict(graph.expected),
         "known": dict(graph.known),
         "topics": [absolute(str(topic)) for topic in options.topics],
@@ -159,7 +159,7 @@ def configuration(
         "tf": options.tf or None,
         "interval": interval,
     }
-    own = of_ros1(around, wired) if around.ros == "1" else of_dds(graph, plan)
+    own = of_dds(graph, plan) if around.ros.dds else of_ros1(around, wired)
     return drop_empty(fields | own)
 
 

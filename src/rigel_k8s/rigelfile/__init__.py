@@ -19,11 +19,10 @@ from rigel_k8s.rigelfile.options import (
 from rigel_k8s.rigelfile.reference import reference
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
-from rigel_k8s.rigelfile.starter import STARTERS
+from rigel_k8s.rigelfile.starter import render_starter
 from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure, structure_plain
 
 __all__ = [
-    "STARTERS",
     "CheckResult",
     "ComponentSpec",
     "Finding",
@@ -49,6 +48,7 @@ __all__ = [
     "reference",
     "render",
     "render_node",
+    "render_starter",
     "schema",
     "strip_places",
     "structure",

@@ -75,42 +75,7 @@ sequences:
       - jobs: [build, deploy]
 """)
 
-#: What differs between ROS 1 and ROS 2.
-ROS1 = {
-    "status": "what runs where, and what is wrong with it",
-    "distro": "noetic",
-    "workspace": "catkin",
-    "run": "rosrun",
-    "package": "rospy_tutorials",
-    "apt": "ros-noetic-rospy-tutorials",
-    "rate": "10",
-    "deploys": """\
-  # Deploys a ROS master and the nodes, each in a pod of its own, and waits until they are ready.
-""",
-    "network": "      deploy_ros_master: true\n",
-}
-ROS2 = {
-    "status": "what runs where, who has discovered whom, and what is wrong",
-    "distro": "lyrical",
-    "workspace": "colcon",
-    "run": "ros2, run",
-    "package": "demo_nodes_cpp",
-    "apt": "ros-lyrical-demo-nodes-cpp",
-    "rate": "10.0",
-    "deploys": """\
-  # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they
-  # discover each other.
-""",
-    "network": """\
-      # Pod networks carry no multicast between machines. peers works on any cluster; macvlan puts
-      # the nodes onto the machines' Ethernet, where laptops see them too:
-      # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
-      network: peers
-""",
-}
 
-#: By the ROS that they are for.
-STARTERS: Mapping[str, str] = {
-    "1": TEXT.substitute(ROS1),
-    "2": TEXT.substitute(ROS2),
-}
+def render_starter(words: Mapping[str, str]) -> str:
+    """Return the Rigelfile with the words of a generation of ROS."""
+    return TEXT.substitute(words)

@@ -10,8 +10,6 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import attrs
-
 from rigel_gate.calls import DESCRIBE_GATE
 from rigel_k8s.discovery.members import runs
 from rigel_k8s.errors import ClusterError
@@ -22,6 +20,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 
 #: Seconds that the gate has to answer, the start of a Python included.
 LIMIT = 10.0
@@ -30,62 +29,6 @@ import sys, xmlrpc.client
 gate = xmlrpc.client.ServerProxy("http://127.0.0.1:{MASTER_PORT}")
 sys.stdout.write(gate.{DESCRIBE_GATE}("/rigel")[2])
 """
-
-
-@attrs.frozen
-class WaitingNode:
-    """A node that has started and waits for its name.
-
-    Attributes:
-        api: its URI.
-        owner: the URI of the node that has the name, None if no node has it.
-    """
-
-    node: str
-    api: str
-    owner: str | None
-
-
-@attrs.frozen
-class NameConflict:
-    """A node that lost its name to a younger one that does not replace it.
-
-    Attributes:
-        old: the URI of the node that lost it.
-        new: the URI of the node that has it now.
-        seconds: how long ago that was.
-    """
-
-    node: str
-    old: str
-    new: str
-    seconds: float
-
-
-@attrs.frozen
-class GateStatus:
-    """A gate.
-
-    Attributes:
-        conflicts: the last ones, oldest first; the gate forgets them when its pod is replaced.
-        silent: nodes that have not answered since roscore came back.
-        has_master: whether roscore answers it.
-        restarts: how often this gate restored the registrations of a new roscore.
-        blocked: why calls wait although roscore answers, "" if they do not.
-        refused: the registrations and parameters that the last new roscore did not accept, and why.
-        unkept: where the gate's state is not kept, and why.
-        problem: why the gate did not answer; then nothing else is known.
-    """
-
-    waiting: tuple[WaitingNode, ...] = ()
-    conflicts: tuple[NameConflict, ...] = ()
-    silent: tuple[str, ...] = ()
-    has_master: bool = True
-    restarts: int = 0
-    blocked: str = ""
-    refused: tuple[str, ...] = ()
-    unkept: tuple[str, ...] = ()
-    problem: str = ""
 
 
 def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:

@@ -36,7 +36,7 @@ def find_pod(cluster: Cluster, release: ReleaseId) -> GraphPod:
     """Return the pod in which to run the request. Raises as list_parameters."""
     items = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
     pods = read_pods(items)
-    if pods and all(pod.ros != "1" for pod in pods):
+    if pods and all(pod.ros.dds for pod in pods):
         raise UserError(
             f"{release.name} has no ROS master with parameters",
             hint="`ros2 param` in `rigel exec` shows those of a ROS 2 node",

@@ -7,7 +7,13 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.discovery.members import find_container, parse_json, runs
+from rigel_k8s.discovery.members import (
+    find_container,
+    generation_of_note,
+    parse_json,
+    runs,
+)
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION, ROS_NAME_ANNOTATION
@@ -23,7 +29,6 @@ class GraphPod:
     Attributes:
         container: the one with the in-pod scripts, else the first.
         ros_name: what its annotation names, "" for none (a launch file's pod has several nodes).
-        ros: 1, 2 or none.
         addresses: all that it has; they show which nodes are in it.
         running: its container runs.
     """
@@ -34,7 +39,7 @@ class GraphPod:
     container: str
     machine: str = ""
     ros_name: str = ""
-    ros: str = "1"
+    ros: Generation = attrs.field(factory=lambda: generation_of_note({}))
     addresses: frozenset[str] = frozenset()
     ready: bool = False
     running: bool = False
@@ -66,9 +71,9 @@ def read_pod(item: Mapping[str, Any]) -> GraphPod:
         namespace=str(meta["namespace"]),
         workload=str((meta.get("labels") or {}).get(NAME_LABEL, "")),
         container=container,
+        ros=generation_of_note(parse_json(notes.get(NETWORK_ANNOTATION), {})),
         machine=str(spec.get("nodeName") or ""),
         ros_name=str(notes.get(ROS_NAME_ANNOTATION, "")),
-        ros=str(parse_json(notes.get(NETWORK_ANNOTATION), {}).get("ros") or "1"),
         addresses=frozenset(list_addresses(notes, status)),
         ready=is_ready(dict(item)),
         running=runs(status, container),

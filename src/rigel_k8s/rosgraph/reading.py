@@ -13,7 +13,6 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import dds, ros1
 from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.types import RosGraph
 
@@ -36,7 +35,8 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
             f"no pod of {release.name} is in the namespace {release.namespace}",
             hint="`rigel status` shows what runs; -n names another namespace",
         )
-    graph = dds.read(cluster, pods, participants) if participants else ros1.read(cluster, pods)
+    ros = next((pod.ros for pod in pods if bool(participants) == pod.ros.dds), pods[0].ros)
+    graph = ros.read_graph(cluster, pods, participants)
     return attrs.evolve(
         graph,
         nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)),

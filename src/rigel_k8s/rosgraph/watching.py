@@ -200,7 +200,7 @@ def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
         own = {RELEASE_LABEL: release.name}
         pods = read_pods(cluster.list("v1", "Pod", release.namespace, labels=own))
         for pod in pods:
-            if pod.is_exporter and pod.running and pod.ros != "1":
+            if pod.is_exporter and pod.running and pod.ros.dds:
                 return run_inside(cluster, pod, modules, [str(EXPORTER_PORT)])
     except ClusterError:
         return {}

@@ -13,6 +13,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.kube import connect
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.options import Network
@@ -36,7 +37,12 @@ def release(
     """A release's objects as the network rooms make them."""
     pods = [PodIdentity(name, "ros:jazzy") for name in names]
     plan = network_plan(
-        network, namespace=namespace, release="demo", ros="2", distro="jazzy", pods=pods
+        network,
+        namespace=namespace,
+        release="demo",
+        ros=GENERATIONS["2"],
+        distro="jazzy",
+        pods=pods,
     )
     return [
         *(item for _, item in network_objects(plan)),

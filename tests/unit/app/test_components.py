@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.components.running import resolve
 from rigel_k8s.app.desired import Parts, graph_of
+from rigel_k8s.app.generations.ros1.components import resolve
+from rigel_k8s.generation import GENERATIONS, Texts
 from rigel_k8s.objects.workloads import ReleaseContext
 
 from .shapes import find, options, release
@@ -63,6 +64,6 @@ def test_components_are_looked_for_where_they_are_nodes_of_the_graph(
     """The master knows the manager only; in DDS each component announces itself."""
     text = "{image: a, deploy_ros_master: false, nodes: {m: {components:"
     text += " {eye: {package: a, plugin: b, namespace: robot}}}}}"
-    around = ReleaseContext("robots", "robot", None, "jazzy", ros=ros)
-    own = Parts(options(text), around, {})
+    around = ReleaseContext("robots", "robot", "jazzy", GENERATIONS[ros])
+    own = Parts(options(text), around, Texts())
     assert set(graph_of(own, own.plan(())).expected) == names

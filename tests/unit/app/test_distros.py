@@ -7,22 +7,22 @@ from datetime import date
 import pytest
 
 from rigel_k8s.app.checks.application import check
-from rigel_k8s.app.distros import find_end, is_ros1
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.distros import CURRENT, ROS1, ROS2
-from rigel_k8s.rigelfile import STARTERS
+from rigel_k8s.generation import GENERATIONS, find_end, generation_of
+from rigel_k8s.rigelfile import render_starter
 
 
 @pytest.mark.parametrize("distro", ["kinetic", "melodic", "noetic", "Noetic", "our-own"])
 def test_ros1(distro: str) -> None:
     """Noetic and older, and what only its user knows."""
-    assert is_ros1(distro)
+    assert generation_of(distro).name == "1"
 
 
 @pytest.mark.parametrize("distro", ["humble", "jazzy", "kilted", "lyrical", "rolling"])
 def test_ros2(distro: str) -> None:
     """Every distribution of ROS 2."""
-    assert not is_ros1(distro)
+    assert generation_of(distro).name == "2"
 
 
 @pytest.mark.parametrize(("distro", "name"), [("noetik", "noetic"), ("humbel", "humble")])
@@ -65,4 +65,4 @@ def test_the_last_day_is_a_day_of_support() -> None:
 def test_the_current_distribution_comes_first() -> None:
     """It is what `rigel init` writes."""
     assert next(iter(ROS2)) == CURRENT
-    assert f"distro: {CURRENT}\n" in STARTERS["2"]
+    assert f"distro: {CURRENT}\n" in render_starter(GENERATIONS["2"].starter)

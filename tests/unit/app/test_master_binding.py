@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.binding import MASTER_ANNOTATION
 from rigel_k8s.app.desired import draft
-from rigel_k8s.app.globalparameters import PARAMETERS_ANNOTATION
+from rigel_k8s.app.generations.ros1.binding import MASTER_ANNOTATION
+from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.app.options import KubernetesParams, NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
-from rigel_k8s.objects.scalars import ImageRef, RosUri
+from rigel_k8s.objects.scalars import ImageRef, ObjectName, RosUri
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Application
 
@@ -20,7 +20,9 @@ def templates(**options: Any) -> dict[str, dict[str, Any]]:
     """Return each Deployment's pod annotations."""
     talker = NodeOptions(image=ImageRef("app:1"), args=["talker"])
     made = draft(
-        OrchestrationOptions(nodes={"talker": talker}, **options),
+        OrchestrationOptions(
+            deployment_name=ObjectName("app"), nodes={"talker": talker}, **options
+        ),
         ReleaseId("lab", "app"),
         Application("noetic"),
         {"ready.sh": ""},

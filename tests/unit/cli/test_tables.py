@@ -14,7 +14,7 @@ from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32

@@ -24,9 +24,10 @@ from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
 from rigel_k8s.errors import ProblemsError
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Plan, ReleaseId, Step
-from rigel_k8s.rigelfile import STARTERS
+from rigel_k8s.rigelfile import render_starter
 from rigel_k8s.settings import Settings
 
 ROOT = Path(__file__).parents[3]
@@ -350,7 +351,7 @@ def test_init_writes_one_for_ros2_too(starter: Path) -> None:
 @pytest.mark.parametrize("ros", ["1", "2"])
 def test_machines_can_pull_from_the_registry_of_init(ros: str) -> None:
     """On another machine `localhost` is that machine."""
-    registry = yaml.safe_load(STARTERS[ros])["vars"]["registry"]
+    registry = yaml.safe_load(render_starter(GENERATIONS[ros].starter))["vars"]["registry"]
     assert not registry.startswith(("localhost", "127."))
 
 

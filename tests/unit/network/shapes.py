@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import yaml
 
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NetworkPlan, PodIdentity
@@ -28,7 +29,7 @@ def plan(text: str) -> NetworkPlan:
         chosen.network,
         namespace="robots",
         release="demo",
-        ros=case.get("ros", "2"),
+        ros=GENERATIONS[case.get("ros", "2")],
         distro=case.get("distro", "jazzy"),
         middleware=chosen.middleware,
         pods=[PodIdentity(**{"image": "ros:x", **pod}) for pod in case["pods"]],

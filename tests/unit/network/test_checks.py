@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.app.checks.network import check_network
+from rigel_k8s.generation import GENERATIONS
 
 from ..app.shapes import options
 from .shapes import GOLDEN
@@ -22,7 +23,7 @@ def told(text: str) -> str:
     """Return what the checks say of a case, a line for each problem."""
     case = yaml.safe_load(text)
     chosen = options(yaml.safe_dump(case["with"]))
-    problems = check_network(chosen, case.get("ros", "2"), case.get("distro", "jazzy"))
+    problems = check_network(chosen, GENERATIONS[case.get("ros", "2")], case.get("distro", "jazzy"))
     return "".join(
         f"{'.'.join(map(str, p.path))}: {'' if p.severity == 'error' else 'warning: '}"
         f"{p.message} [{p.kind}]\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.network.options import Network, middleware_name, network_of
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan
@@ -14,7 +15,7 @@ def plan(told: Network | str | None, release: str = "demo", ros: str = "2") -> N
         network_of(told),
         namespace="robots",
         release=release,
-        ros=ros,
+        ros=GENERATIONS[ros],
         distro="jazzy",  # type: ignore[arg-type]
     )
 

@@ -10,8 +10,9 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
-from rigel_k8s.rigelfile import STARTERS, check_file, reference, schema
+from rigel_k8s.rigelfile import check_file, reference, render_starter, schema
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -96,7 +97,11 @@ def test_our_own_rigelfiles_are_clean(
     name: str, real: Draft202012Validator, tmp_path: Path
 ) -> None:
     """What `rigel init` writes and what the examples show passes the check and the schema."""
-    text = STARTERS.get(name) or (ROOT / name).read_text()
+    text = (
+        render_starter(GENERATIONS[name].starter)
+        if name in GENERATIONS
+        else (ROOT / name).read_text()
+    )
     file = tmp_path / "Rigelfile"
     file.write_text(text)
 

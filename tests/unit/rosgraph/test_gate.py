@@ -16,7 +16,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects import pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import gate as module
-from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode, read_gate
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode, read_gate
 
 from .local import LocalCluster
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch, RosGraph
@@ -73,7 +74,7 @@ def test_pods_are_read_from_what_kubernetes_says() -> None:
             container="ros-node",
             machine="node1",
             ros_name="/b",
-            ros="2",
+            ros=GENERATIONS["2"],
             addresses=frozenset({"10.0.0.9", "10.1.0.9"}),
             ready=True,
             running=True,

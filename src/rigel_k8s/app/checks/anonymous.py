@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import find_program
-from rigel_k8s.app.ros1commands import SHELLS, full_name
+from rigel_k8s.app.programs import SHELLS, find_program, full_name
 from rigel_k8s.app.updating import find_clash, is_rolling
-from rigel_k8s.objects.naming import Ros
+from rigel_k8s.generation import Generation
 from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.problems import Problem
 
@@ -18,7 +17,7 @@ STARTERS = ("run", "launch")
 
 
 def check_anonymous(
-    key: str, node: NodeOptions, ros: Ros, volumes: Mapping[str, Volume]
+    key: str, node: NodeOptions, ros: Generation, volumes: Mapping[str, Volume]
 ) -> Iterator[Problem]:
     """Yield a warning of two pods at once, or of a name that no node has.
 
@@ -27,10 +26,10 @@ def check_anonymous(
         ros: the node's own.
         volumes: the release's persistent volumes, by name.
     """
-    line = find_program(ros, node) if ros != "none" else []
+    line = find_program(ros, node) if ros.nodes else []
     if node.anonymous:
         yield from check_update(node, find_clash(node, volumes) or find_group(line))
-    elif ros == "2" and line[:1] == ["ros2"] and line[1:] and line[1] not in STARTERS:
+    elif line[:1] == ["ros2"] and line[1:] and line[1] not in STARTERS:
         message = (
             f"no ROS node is called {full_name(key, node)}, since ros2 {line[1]} names its node"
             " itself: set anonymous: true, with update: {strategy: Recreate} if two pods must not"

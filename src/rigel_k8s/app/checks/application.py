@@ -19,43 +19,29 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
-from rigel_k8s.app.checks.exporter import check_exporter, speaks_zenoh
+from rigel_k8s.app.checks.exporter import check_exporter
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
-from rigel_k8s.app.checks.parameters import check_global_parameters
 from rigel_k8s.app.checks.patches import check_patch
-from rigel_k8s.app.desired import deploys_master
-from rigel_k8s.app.distros import find_end, guess_distro, is_ros1, ros_of
-from rigel_k8s.app.gate import has_gate
-from rigel_k8s.app.globalparameters import list_keys, setter_name
 from rigel_k8s.app.networkpolicy.checks import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.ros1commands import full_name
+from rigel_k8s.app.programs import full_name
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
     find_application_obstacle,
-    find_lifecycle_obstacle,
-    find_obstacle,
     is_rolling,
     requests_hand_over,
     share,
 )
 from rigel_k8s.distros import CURRENT
-from rigel_k8s.objects.naming import Ros, object_name
+from rigel_k8s.generation import Generation, find_end, generation_of, guess_distro
+from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
-from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.problems import Path, Problem
 
-SURGE: Mapping[str, str] = {
-    "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
-    " them down; leave `strategy` out, and a node hands its name over, or stops for its update",
-    "2": "during an update two nodes of one name run at once: each of their messages comes twice,"
-    " and either answers services and actions; leave `strategy` out, and a lifecycle node hands"
-    " over where it can, any other stops for its update",
-}
 SIDECARS = (
     "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
     " and peers, is probed, counted in the graph and stopped cleanly; make the other one a node of"
@@ -65,16 +51,15 @@ SIDECARS = (
 
 def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     """Yield what is wrong, and what works differently than it looks."""
-    ros = ros_of(distro, options.ros)
+    ros = generation_of(distro, options.ros)
     if options.ros is None:
         yield from check_distro(distro, date.today())
-    yield from check_master(options, ros)
+    yield from ros.check(options)
     yield from check_network(options, ros, distro)
     yield from check_security(options)
     yield from check_network_policy(options)
-    yield from check_names(options, ros)
+    yield from check_names(options, ros, distro)
     yield from check_volumes(options)
-    yield from check_global_parameters(options, ros)
     yield from check_hand_over(options, ros, distro)
     yield from check_readiness(("readiness",), options.readiness)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
@@ -86,7 +71,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
         path = ("nodes", str(key))
         problems = [
             *check_node(str(key), options, ros),
-            *check_update(("update",), node.update, node.ros or ros, anonymous=node.anonymous),
+            *check_update(("update",), node.update, ros.of_node(node), anonymous=node.anonymous),
             *check_readiness(("readiness",), node.readiness),
             *check_patch(("patch",), node.patch),
         ]
@@ -96,7 +81,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
 def check_distro(distro: str, today: date) -> Iterator[Problem]:
     """Yield a distribution that is past its end, or probably misspelt; one's own is no error."""
     if end := find_end(distro, today):
-        newer = "noetic" if is_ros1(distro) else CURRENT
+        newer = CURRENT if generation_of(distro).dds else "noetic"
         message = (
             f"application.distro: support for {distro} ended on {end}: it gets no security updates,"
             f" and its packages disappear; move to {newer}"
@@ -110,47 +95,9 @@ def check_distro(distro: str, today: date) -> Iterator[Problem]:
         yield Problem((), message, "unknown-distro", severity="warning")
 
 
-def check_master(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield what is wrong with the master: two of them, none, or one of ROS 2."""
-    if ros != "1":
-        yield from check_masterless(options, ros)
-        return
-    if options.deploy_ros_master and options.ros_master_uri:
-        message = "ros_master_uri names a master, but deploy_ros_master deploys another: remove one"
-        yield Problem(("ros_master_uri",), message, "two-masters", at_key=True)
-    nowhere = options.deploy_ros_master is False and options.ros_master_uri is None
-    if nowhere and options.nodes:
-        message = (
-            "no ROS master: each node searches for one in its own container;"
-            " set ros_master_uri if there is one"
-        )
-        yield Problem(("deploy_ros_master",), message, "no-master", severity="warning")
-
-
-def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield options for a master in an application without one."""
-    what = "ROS 2" if ros == "2" else "a plain DDS application"
-    asked = {
-        "deploy_ros_master": options.deploy_ros_master,
-        "ros_master_uri": options.ros_master_uri,
-        "ros_master_image": options.ros_master_image,
-        "ros_master_placement": options.ros_master_placement.node_selector,
-        "additional_k8s_params": options.additional_k8s_params.ros_master,
-    }
-    for key, value in asked.items():
-        if value:
-            path = (key, "ros_master") if key == "additional_k8s_params" else (key,)
-            message = f"{what} has no master: remove it; nodes find each other by `network`"
-            yield Problem(path, message, "no-master-in-ros2", at_key=True)
-
-
-def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> Iterator[Problem]:
     """Yield names that two things would share: Kubernetes names, and ROS names."""
-    if options.deployment_name == MASTER_NAME and ros == "1":
-        yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
-    taken = {MASTER_NAME: "roscore"} if deploys_master(options, ros) else {}
-    if list_keys(options):
-        taken[setter_name(str(options.deployment_name))] = "the Deployment for global parameters"
+    taken = {one.identity.name: one.title for one in ros.companions(options, distro)}
     if has_application(options):
         taken[str(options.deployment_name)] = "the application"
     ros_names: dict[str, list[str]] = defaultdict(list)
@@ -160,7 +107,7 @@ def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
             message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
             yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
         taken.setdefault(name, f'"{key}"')
-        if "none" not in (ros, node.ros) and not node.anonymous and not node.launch:
+        if ros.of_node(node).nodes and not node.anonymous and not node.launch:
             ros_names[full_name(key, node)].append(str(key))
         for name, component in node.components.items():
             ros_names[component.full_name(name)].append(str(key))
@@ -181,7 +128,7 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
 
 
 def check_update(
-    path: Path, update: RollingUpdate | None, ros: Ros, *, anonymous: bool
+    path: Path, update: RollingUpdate | None, ros: Generation, *, anonymous: bool
 ) -> Iterator[Problem]:
     """Yield numbers that Kubernetes refuses, and what surge does to nodes of one name."""
     if update is None:
@@ -197,76 +144,61 @@ def check_update(
         if {surge, missing} <= {0, "0%"}:
             message = "max_surge and max_unavailable are both 0: no pod could be replaced"
             yield Problem(path, message, "bad-update")
-        elif not anonymous and ros in SURGE:
-            yield Problem(path, SURGE[ros], "surge", severity="warning", at_key=True)
+        elif not anonymous and ros.surge:
+            yield Problem(path, ros.surge, "surge", severity="warning", at_key=True)
 
 
-def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Iterator[Problem]:
+def check_hand_over(
+    options: OrchestrationOptions, ros: Generation, distro: str
+) -> Iterator[Problem]:
     """Yield updates that should hand over but cannot."""
-    gate = deploys_master(options, ros) and has_gate(options, distro)
-    static = options.network is not None and options.network.ipam == "static"
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     for key, node in options.nodes.items():
-        obstacle = find_obstacle(node, volumes, own_master=static)
-        if ros != "1":
-            obstacle = find_lifecycle_obstacle(node, volumes, options.network, options.middleware)
-        path: Path = ("nodes", str(key), "update")
-        differs = "its ROS name differs in each pod"
-        reason = differs if node.anonymous else obstacle
-        yield from check_warm(path, node.update, ros, reason, gate=gate)
+        own = ros.of_node(node)
+        refusal = own.refuse_hand_over(options, distro)
+        obstacle = own.find_obstacle(node, volumes, options.network, options.middleware)
         if node.anonymous:
-            obstacle = f"{differs}: remove `strategy`"
-        yield from refuse_hand_over(path, node.update, ros, obstacle, gate=gate)
+            obstacle = "its ROS name differs in each pod"
+        for problem in check_way(node.update, own, refusal or obstacle):
+            yield problem.under(("nodes", str(key), "update"))
+    refusal = ros.refuse_hand_over(options, distro)
     obstacle = find_application_obstacle(
         options.readiness,
         options.persistent_storage.volumes,
         options.additional_k8s_params.application,
-        own_master=static,
+        own_master=options.network is not None and options.network.ipam == "static",
     )
-    if ros == "2":
-        obstacle = "in ROS 2 it needs another command line: make it one of `nodes`"
-    yield from check_warm(("rolling_update",), options.rolling_update, ros, obstacle, gate=gate)
-    yield from refuse_hand_over(
-        ("rolling_update",), options.rolling_update, ros, obstacle, gate=gate
-    )
+    if not ros.hands_over:
+        obstacle = f"in {ros.title} it needs another command line: make it one of `nodes`"
+    for problem in check_way(options.rolling_update, ros, refusal or obstacle):
+        yield problem.under(("rolling_update",))
 
 
-def refuse_hand_over(
-    path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
+def check_way(
+    update: RollingUpdate | None, ros: Generation, obstacle: str | None
 ) -> Iterator[Problem]:
-    """Yield why an update cannot hand over, if it requests that."""
-    if not requests_hand_over(update):
-        if update is not None and update.warm and (ros != "1" or update.strategy):
-            message = "only nodes that hand over their names can be warm: remove it"
-            yield Problem((*path, "warm"), message, "bad-update", at_key=True)
+    """Yield why an update cannot hand over, or why `warm` has no effect; paths are its own."""
+    if update is None:
         return
-    if ros == "2" and update is not None and update.warm:
-        message = "a lifecycle node receives its topics from `configure` on anyway: remove it"
-        yield Problem((*path, "warm"), message, "bad-update", at_key=True)
-    if ros == "none":
-        obstacle = "plain DDS has no lifecycle to hand over; use Recreate or Rolling"
-    elif ros == "1" and not gate:
-        obstacle = "roscore has no gate, see `gate`"
-    if obstacle:
+    requested = requests_hand_over(update)
+    if requested and obstacle:
         message = f"HandOver is not possible: {obstacle}"
-        yield Problem((*path, "strategy"), message, "hand-over", at_key=True)
-
-
-def check_warm(
-    path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
-) -> Iterator[Problem]:
-    """Yield why the default update of a node that should be warm hands nothing over."""
-    if ros != "1" or update is None or not update.warm or update.strategy:
+        yield Problem(("strategy",), message, "hand-over", at_key=True)
+    if not update.warm:
         return
-    reason = obstacle if gate else "roscore has no gate, see `gate`"
-    if is_rolling(update):
-        reason = "max_surge and max_unavailable are for Rolling"
-    if reason:
-        message = f"nothing is handed over, so warm has no effect: {reason}; remove `warm`"
-        yield Problem((*path, "warm"), message, "bad-update", severity="warning", at_key=True)
+    if requested and ros.not_warm:
+        yield Problem(("warm",), ros.not_warm, "bad-update", at_key=True)
+    elif not requested and (update.strategy or not ros.hands_over):
+        message = "only nodes that hand over their names can be warm: remove it"
+        yield Problem(("warm",), message, "bad-update", at_key=True)
+    elif not requested:
+        reason = "max_surge and max_unavailable are for Rolling" if is_rolling(update) else obstacle
+        if reason:
+            message = f"nothing is handed over, so warm has no effect: {reason}; remove `warm`"
+            yield Problem(("warm",), message, "bad-update", severity="warning", at_key=True)
 
 
-def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_rollback(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
     """Yield a rollback that never happens."""
     rollback = options.rollback_on
     if rollback is None:
@@ -274,7 +206,7 @@ def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]
     if rollback.within is not None and not rollback.graph_worse:
         message = "`within` has no effect without graph_worse: add graph_worse: true"
         yield Problem(("rollback_on", "within"), message, "incomplete", at_key=True)
-    if rollback.graph_worse and speaks_zenoh(options, ros):
+    if rollback.graph_worse and ros.dds and ros.explain_unseen(options):
         message = "the graph of nodes that use zenoh cannot be read: remove graph_worse"
         yield Problem(("rollback_on", "graph_worse"), message, "no-graph", at_key=True)
 
@@ -338,9 +270,9 @@ def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:
             yield Problem((key,), message, "no-application", severity="warning", at_key=True)
 
 
-def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_containers(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
     """Yield pods with more than one container, which breaks DDS."""
-    if ros == "1" or options.allow_sidecars:
+    if not ros.dds or options.allow_sidecars:
         return
     params = options.additional_k8s_params.application
     own = [] if replaces_container(options) else [APP_CONTAINER]
@@ -364,7 +296,7 @@ def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[st
     return ", ".join(names[1:])
 
 
-def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_observability(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what is wrong with the stack that the job requests."""
     stack = options.observability
     if options.observability_only:

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 from rigel_k8s.app.checks.pods import check_pods, workloads_of
 from rigel_k8s.app.checks.superclients import check_super_client
-from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.generation import Generation
 from rigel_k8s.network.checks import check_options
 from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.naming import Ros
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
@@ -23,12 +22,9 @@ MISSING = (
 )
 
 
-def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Iterator[Problem]:
+def check_network(options: OrchestrationOptions, ros: Generation, distro: str) -> Iterator[Problem]:
     """Yield what is wrong, with paths from the root of the options."""
     network, middleware = options.network, options.middleware
-    if ros == "1" and middleware:
-        message = "ROS 1 has no middleware to choose: remove it"
-        yield Problem(("middleware",), message, "ros1", at_key=True)
     if network is None:
         yield from check_missing(options, ros)
         return
@@ -36,32 +32,32 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
     yield from check_fleet(options, network, ros)
     if network.mode == "discovery-server":
         for key, node in options.nodes.items():
-            if (node.ros or ros) == "2":
-                yield from check_super_client(str(key), node)
+            if ros.of_node(node).rmw:
+                yield from check_super_client(str(key), node, ros)
     yield from check_images(options, middleware or mode_of(network).middleware)
-    masters = int(ros == "1" and options.ros_master_uri is None)
-    watching = int(options.observability.exporter is not None)
-    setters = int(ros == "1" and bool(list_keys(options)))
-    yield from check_pods(options, network, others=masters + watching + setters)
+    others = len(ros.companions(options, distro)) + int(options.observability.exporter is not None)
+    yield from check_pods(options, network, others=others)
 
 
-def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_missing(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what is wrong without `network`: zenoh has no router, pods do not find each other."""
-    if ros != "1" and options.middleware == "zenoh":
+    if ros.dds and options.middleware == "zenoh":
         message = "zenoh needs a router: set `network: zenoh`, which deploys one"
         yield Problem(("middleware",), message, "wrong-mode")
-    elif ros != "1" and sum(one.pods for one in workloads_of(options)) > 1:
+    elif ros.dds and sum(one.pods for one in workloads_of(options)) > 1:
         path = ("nodes",) if options.nodes else ()
         yield Problem(path, MISSING, "network-missing", severity="warning", at_key=True)
 
 
-def check_fleet(options: OrchestrationOptions, network: Network, ros: Ros) -> Iterator[Problem]:
+def check_fleet(
+    options: OrchestrationOptions, network: Network, ros: Generation
+) -> Iterator[Problem]:
     """Yield a warning if the robots of a fleet share a wire and a DDS domain.
 
     A job deploys to several robots if its namespace comes from a matrix.
     """
     mode = mode_of(network)
-    shared = ros == "2" and mode.name != "none" and not mode.own_domain
+    shared = ros.rmw and mode.name != "none" and not mode.own_domain
     if shared and network.domain_id is None and has_template(str(options.namespace or "")):
         message = (
             f"with {mode.name} all robots of a fleet are in DDS domain 0, and robots on one wire"

@@ -15,19 +15,12 @@ from rigel_k8s.app.lifecycle.checks import check_lifecycle
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.parameters import PARAMETERS_PATH, list_paths
-from rigel_k8s.app.programs import program, takes_ros_arguments
-from rigel_k8s.objects.naming import Ros
+from rigel_k8s.generation import Generation
 from rigel_k8s.objects.podoptions import EnvVar, Volume
 from rigel_k8s.objects.podsecurity import mapping
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
 
-#: What two nodes of one name do to each other.
-CLASH: Mapping[str, str] = {
-    "1": "shut each other down",
-    "2": "answer each other's services and parameters",
-}
 #: Labels that identify objects.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
 #: Directories and files that each machine has of its own, so that no data are expected there.
@@ -38,16 +31,16 @@ APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
 ROS_ONLY = ("name", "namespace", "package", "launch", "substitution_args", *APPENDED)
 
 
-def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what is wrong with the node of a key."""
     node = options.nodes[key]
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
         yield Problem((), message, "missing-image", at_key=True)
-    yield from check_ros(node, ros)
-    ros = node.ros or ros
+    yield from check_readiness(node, ros)
+    ros = ros.of_node(node)
     yield from check_name(key, node, ros)
-    problems = list(check_command(node)) if ros != "none" else list(check_plain(node))
+    problems = list(check_command(node)) if ros.nodes else list(check_plain(node))
     yield from problems or check_appended(node, ros)
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)
@@ -64,9 +57,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_placement(key, node, options.nodes)
 
 
-def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+def check_name(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield why a node cannot have its name, or have several pods."""
-    if ros == "none":
+    if not ros.nodes:
         return
     if node.name is None and not node.anonymous and not node.launch:
         try:
@@ -78,15 +71,15 @@ def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
         yield Problem(("name",), message, "conflict", at_key=True)
     if node.replicas is not None and node.replicas > 1 and not node.anonymous:
         message = (
-            f"ROS allows one node of a name, and {node.replicas} pods would {CLASH[ros]};"
+            f"ROS allows one node of a name, and {node.replicas} pods would {ros.clash};"
             " set anonymous: true if its name is generated at its start"
         )
         yield Problem(("replicas",), message, "duplicate-node")
 
 
-def check_ros(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+def check_readiness(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield a readiness that a program without ROS never reaches."""
-    if node.ros == "none" and (node.readiness == "ros" or (node.readiness == "dds" and ros == "1")):
+    if node.ros and node.readiness in ("ros", *(() if ros.dds else ("dds",))):
         message = f"a program without ROS (ros: none) never becomes ready by {node.readiness}"
         yield Problem(("readiness",), f"{message}: use a command or a file", "not-ros", at_key=True)
 
@@ -129,7 +122,7 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
         yield from check_line(node, (name,), getattr(node, name))
 
 
-def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+def check_appended(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield parameters and remappings that no program would read."""
     yield from check_parameters(node, ros)
     for key in (k for k in APPENDED if getattr(node, k)):
@@ -137,37 +130,14 @@ def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
             yield Problem((key,), reason, "not-appendable", at_key=True)
 
 
-def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
+def explain_unreadable(node: NodeOptions, key: str, ros: Generation) -> str | None:
     """Return why a node could not read the key's value, None if it can."""
-    line = program(ros, node)
-    if not line:
-        return (
-            f"{key} cannot be appended to the image's CMD:"
-            " set what runs with args, package and executable, or launch"
-        )
-    if node.launch:
-        return explain_unreadable_to_launch(node, key, ros)
-    if ros == "1" and key in ("parameter_files", "parameter_commands"):
-        unknown = "the name of an anonymous node is unknown before it starts: use parameters"
-        return unknown if node.anonymous else None
-    if not takes_ros_arguments(ros, line):
-        return f"{line[0]} does not pass {key} on to the node: use args with the node's program"
-    return None
-
-
-def explain_unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
-    """Return why a launch file could not read the key's value, None if it can."""
-    if key == "parameter_files":
-        named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
-        if ros == "1" or named:
-            return None
-        path, _ = next(list_paths(node))
-        return f"ros2 launch does not read parameter files: pass them in launch.args, as {path}"
-    if key == "parameter_commands" and ros == "1":
-        return None
-    where = "launch.args" if key == "parameters" else "the launch file"
-    tool = "roslaunch" if ros == "1" else "ros2 launch"
-    return f"{tool} does not read {key} from its command line: write them in {where}"
+    if ros.program(node):
+        return ros.explain_unreadable(node, key)
+    return (
+        f"{key} cannot be appended to the image's CMD:"
+        " set what runs with args, package and executable, or launch"
+    )
 
 
 def check_env(node: NodeOptions) -> Iterator[Problem]:

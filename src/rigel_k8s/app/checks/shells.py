@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.ros1commands import SHELLS
+from rigel_k8s.app.programs import SHELLS
 from rigel_k8s.app.starting import split
 from rigel_k8s.problems import Problem
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.programs import find_program
+from rigel_k8s.generation import Generation
 from rigel_k8s.problems import Problem
 
 VARIABLE = "ROS_SUPER_CLIENT"
@@ -14,9 +15,9 @@ VARIABLE = "ROS_SUPER_CLIENT"
 TOOLS = re.compile(r"\bros2 bag record\b|\bfoxglove_bridge\b|\brosbridge_server\b")
 
 
-def check_super_client(key: str, node: NodeOptions) -> Iterator[Problem]:
-    """Yield a warning for a ROS 2 tool that a discovery server shows no topics."""
-    line = " ".join(find_program("2", node))
+def check_super_client(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield a warning for a tool that a discovery server shows no topics."""
+    line = " ".join(find_program(ros, node))
     found = TOOLS.search(line)
     names = node.env if isinstance(node.env, Mapping) else [one.name for one in node.env]
     if found is None or VARIABLE in line or VARIABLE in map(str, names):

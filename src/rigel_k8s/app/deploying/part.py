@@ -11,11 +11,10 @@ import attrs
 from rigel_k8s.app.deploying.prepare import Preparation, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.deploying.secrets import write_pull_secret
-from rigel_k8s.app.distros import ros_of
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
+from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.preflight.examine import inspect
-from rigel_k8s.objects.naming import Ros
 from rigel_k8s.release.deploy import Look, Run, carry_out
 from rigel_k8s.release.rollback import find_target, undo
 from rigel_k8s.release.together import Inspection, Part, PartLook
@@ -45,9 +44,9 @@ class ApplicationPart(Part):
     applied: Event
 
     @property
-    def ros(self) -> Ros:
+    def ros(self) -> Generation:
         """Which ROS it is."""
-        return ros_of(self.application.distro, self.prepared.options.ros)
+        return generation_of(self.application.distro, self.prepared.options.ros)
 
     @property
     def limit(self) -> float | None:
@@ -73,7 +72,6 @@ class ApplicationPart(Part):
         Raises:
             GraphWorse: it was rolled back, as `rollback_on` requests.
         """
-        from rigel_k8s.app.checks.exporter import speaks_zenoh
         from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
         options = attrs.evolve(options, timeout=timeout_of(self.prepared.options, self.settings))
@@ -81,7 +79,7 @@ class ApplicationPart(Part):
         watch = GraphWatch(
             cluster, self.release, options.report, options.cancel, self.limit or PATIENCE
         )
-        readable = not speaks_zenoh(self.prepared.options, self.ros)
+        readable = not (self.ros.dds and self.ros.explain_unseen(self.prepared.options))
         run = Run(
             cluster=cluster,
             desired=self.desired,
@@ -122,7 +120,7 @@ class ApplicationPart(Part):
         Raises:
             GraphError: they do not; ROS 1 nodes find each other by their master.
         """
-        if self.ros != "1":
+        if self.ros.dds:
             from rigel_k8s.discovery.check import check as check_graph
 
             check_graph(self.release, cluster, options.report, options.cancel)

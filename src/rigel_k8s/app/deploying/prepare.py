@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 
-from rigel_gate.program import program
 from rigel_inpod import scripts
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.digests import pin
@@ -23,6 +22,7 @@ from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import UserError
+from rigel_k8s.generation import generation_of
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.observability.request import StackRequest, request_of
@@ -114,7 +114,7 @@ def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
         request.application,
         scripts(),
         files=read_parameter_files(options, request.application.dir, home),
-        program=program(),
+        program=generation_of(request.application.distro, options.ros).read_program(),
         previous=last.objects() if network and network.ipam == "static" else (),
     )
     known = [

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import run_beside
-from rigel_k8s.app.ros1commands import Command, full_name
+from rigel_k8s.app.programs import Command, full_name, run_beside
 
 STOP = "RIGEL_K8S_TRANSITIONS"
 

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.app.security.options import Security
-from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
+from rigel_k8s.generation import GENERATIONS, Generation
+from rigel_k8s.objects.naming import ROS_ANNOTATION
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.pods import DEFAULT_CONTAINER, Object
 from rigel_k8s.objects.podsecurity import pod_context
@@ -37,17 +38,16 @@ SHARED = ("image", "imagePullPolicy", "resources")
 IDENTITY = ("runAsUser", "runAsGroup", "seLinuxOptions")
 
 
-def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
+def restrict(item: Mapping[str, Any], security: Security, ros: Generation) -> Object:
     """Return a Deployment whose pods pass the level "restricted"; other objects unchanged."""
     if item["kind"] != "Deployment":
         return dict(item)
     made: Object = simplify(item)
     template = made["spec"]["template"]
     pod = template["spec"]
-    if template["metadata"].get("annotations", {}).get(ROS_ANNOTATION) == "none":
-        ros = "none"
+    ros = GENERATIONS[template["metadata"].get("annotations", {}).get(ROS_ANNOTATION, ros.name)]
     pod["securityContext"] = pod_context(int(security.user)) | (pod.get("securityContext") or {})
-    if ros == "1" and pod.get("containers"):
+    if ros.prepares_home and pod.get("containers"):
         prepare_home(template)
     for kind in CONTAINERS:
         for container in pod.get(kind) or ():
@@ -84,7 +84,7 @@ def home_container(container: Mapping[str, Any]) -> Object:
     }
 
 
-def restrict_container(container: Object, ros: Ros, *, read_only: bool) -> None:
+def restrict_container(container: Object, ros: Generation, *, read_only: bool) -> None:
     """Fill in a container's securityContext, variables and mounts."""
     own = container.get("securityContext") or {}
     default: Object = {"allowPrivilegeEscalation": False}
@@ -108,10 +108,10 @@ def restrict_container(container: Object, ros: Ros, *, read_only: bool) -> None:
     ]
 
 
-def variables(ros: Ros) -> dict[str, str]:
+def variables(ros: Generation) -> dict[str, str]:
     """Return the variables that point programs to where they may write."""
     home = {"HOME": HOME_PATH, "USER": USER_NAME, "LOGNAME": USER_NAME}
-    if ros == "none":
+    if not ros.nodes:
         return home
     # An image may set these to directories of root.
     return home | {"ROS_HOME": ROS_HOME, "ROS_LOG_DIR": LOG_PATH}

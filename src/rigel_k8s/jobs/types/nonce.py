@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_inpod import MOUNT_PATH
-from rigel_k8s.app.distros import ros_of as ros_of_distro
+from rigel_k8s.generation import generation_of
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 
@@ -56,7 +56,7 @@ def ros_of(pod: Mapping[str, Any], distro: str) -> str:
     """Return the ROS of a pod, "1" or "2": from its annotation, else that of `distro`."""
     note = pod["metadata"].get("annotations", {}).get(NETWORK_ANNOTATION)
     noted = json.loads(note).get("ros") if note else None
-    return str(ros_of_distro(distro, noted))
+    return generation_of(distro, noted).name
 
 
 def commands(

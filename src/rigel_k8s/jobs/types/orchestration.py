@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from rigel_k8s.app.deploying.target import release_key, release_of
-from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial
+from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.observability.request import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
@@ -62,12 +61,11 @@ class OrchestrationJob:
     def workloads(self, options: OrchestrationOptions, application: Application) -> Sequence[str]:
         """Return the keys of its nodes, and the names of its other workloads."""
         from rigel_k8s.app.application import has_application
-        from rigel_k8s.app.desired import deploys_master
 
-        ros = ros_of(application.distro, options.ros)
+        ros = generation_of(application.distro, options.ros)
         own = [str(options.deployment_name)] if has_application(options) else []
-        master = [MASTER_NAME] if deploys_master(options, ros) else []
-        return [*map(str, options.nodes), *own, *master]
+        beside = ros.companions(options, application.distro)
+        return [*map(str, options.nodes), *own, *(one.identity.name for one in beside)]
 
     def parts(
         self, options: OrchestrationOptions, job: JobContext, cluster: Cluster | None

@@ -88,7 +88,7 @@ def join(plan: NetworkPlan) -> Object:
 
 def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
     """Return ROS 2's own variables; a plain DDS application has none."""
-    if plan.ros != "2":
+    if not plan.ros.rmw:
         return {}
     found: dict[str, Object] = {}
     if plan.domain_id is not None:

@@ -133,8 +133,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
         f"{INTERFACE} is missing: Multus did not attach {namespace}/{name} to this pod;"
         " check that Multus runs on its machine, then delete the pod: a new one gets it"
     )
-    identity = plan.ros != "1" and uses(plan, "fastdds")
-    made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=identity)
+    made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=uses(plan, "fastdds"))
     return attrs.evolve(
         made,
         env=variables(plan, pod),
@@ -164,9 +163,7 @@ def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str
 
 def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     """Return the variables that pin a pod's ROS or DDS to the second network."""
-    if plan.ros == "1":
-        return master_variables(plan, pod)
-    return pinned_variables(plan)
+    return pinned_variables(plan) if plan.ros.dds else master_variables(plan, pod)
 
 
 def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
@@ -199,10 +196,10 @@ def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     if not own and network.ipam not in (None, "static"):
         message = "the existing attachment decides who gives out addresses: leave it out"
         yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
-    if use.ros == "1" and network.ipam != "static":
+    if not use.ros.dds and network.ipam != "static":
         message = (
-            "a ROS 1 node sends its address to the others, so it must be known before the node"
-            " starts: set `ipam: static` and `subnet`"
+            f"a {use.ros.title} node sends its address to the others, so it must be known before"
+            " the node starts: set `ipam: static` and `subnet`"
         )
         path = ("network", "ipam") if network.ipam else mode_path(network)
         yield Problem(path, message, "ros1")
@@ -218,7 +215,7 @@ MACVLAN = Mode(
     join=lambda plan, network: {"interface": INTERFACE},
     interface=lambda network: INTERFACE,
     keys=RANGES | {"interface", "gateway", "routes", "mtu"},
-    ros=frozenset({"1", "2", "none"}),
+    with_master=True,
     attached=True,
     on_machines=True,
     multicast=True,

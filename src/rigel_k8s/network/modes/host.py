@@ -21,7 +21,7 @@ HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.h
 
 def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the files that pods read, if they need any."""
-    if network.interface and plan.ros != "1":
+    if network.interface and plan.ros.dds:
         pinned = pinned_files(plan, network.interface)
         yield files_config(plan, {SCRIPT: interface_script(), **pinned})
     else:
@@ -30,12 +30,12 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what a pod on the machine's network gets."""
-    interface = network.interface if plan.ros != "1" else None
+    interface = network.interface if plan.ros.dds else None
     if interface:
         missing = f"{interface} is missing: this machine has no such interface (network.interface)"
         base = render_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
         base = attrs.evolve(base, env=pinned_variables(plan))
-    elif plan.ros == "1":
+    elif not plan.ros.dds:
         base = Wiring(env={"ROS_IP": HOST_IP})
     else:
         base = wire_neighbor(plan)
@@ -49,7 +49,7 @@ HOST = Mode(
     join=lambda plan, network: {"interface": network.interface},
     interface=lambda network: network.interface,
     keys=frozenset({"interface"}),
-    ros=frozenset({"1", "2", "none"}),
+    with_master=True,
     on_machines=True,
     multicast=True,
     answers=True,

@@ -23,8 +23,8 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return the annotation of a pod; a ROS 1 pod has none."""
-    if plan.ros == "1":
+    """Return the annotation of a pod; one of nodes with a master has none."""
+    if not plan.ros.dds:
         return Wiring()
     base = wire_neighbor(plan) if pod.on_machine else Wiring()
     return attrs.evolve(base, annotations=network_note(plan))
@@ -34,7 +34,7 @@ NONE = Mode(
     name="none",
     wire=wire,
     objects=objects,
-    ros=frozenset({"1", "2", "none"}),
+    with_master=True,
     multicast=True,
     answers=True,
     looks_beyond=False,

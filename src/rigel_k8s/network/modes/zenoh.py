@@ -60,8 +60,8 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
 
 def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield applications that do not support zenoh."""
-    if use.ros == "none":
-        message = "a plain DDS application does not support zenoh: use macvlan, peers or host"
+    if use.ros.dds and not use.ros.rmw:
+        message = f"{use.ros.title} does not support zenoh: use macvlan, peers or host"
         yield Problem(mode_path(network), message, "wrong-mode")
     elif use.middleware not in (None, "zenoh"):
         message = f"{use.middleware} does not work with a zenoh router: set `middleware: zenoh`"

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.commands.rigelfiles import check
+from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.rigelfile import load, realise
@@ -21,7 +22,7 @@ from rigel_muto.agent.manifests import agent_objects
 from rigel_muto.agent.options import MutoAgent, check_options
 
 GOLDEN = Path(__file__).parent / "golden"
-AROUND = ReleaseContext("robots", "muto-agent", None, "", "none")
+AROUND = ReleaseContext("robots", "muto-agent", "", GENERATIONS["none"])
 RULES = [{"apiGroups": [""], "resources": ["pods"], "verbs": ["list"]}]
 LEAST = {"thing": "org:robot", "broker": "mqtt://mosquitto:1883", "job": "deploy"}
 CASES: dict[str, dict[str, Any]] = {

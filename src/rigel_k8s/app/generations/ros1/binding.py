@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 
-from rigel_k8s.app.globalparameters import PARAMETERS_ANNOTATION
+from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.objects.naming import ROS_ANNOTATION
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME

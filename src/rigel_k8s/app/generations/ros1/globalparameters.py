@@ -14,17 +14,17 @@ from typing import Any
 
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, tree
+from rigel_k8s.app.parameters import PARAMETERS_PATH, list_global_keys, list_local, tree
 from rigel_k8s.app.starting import begin, list_steps, write_values
+from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.naming import ROS_ANNOTATION, object_name
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, probes
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
+from rigel_k8s.problems import Path
 
-#: The keys of a job; a problem is shown at the first one that is set.
-KEYS = ("parameters", "parameter_files", "parameter_commands")
 CONTAINER = "global-parameters"
 #: On nodes: which global parameters they started with, so that a change restarts them.
 PARAMETERS_ANNOTATION = "rigel-k8s/global-parameters"
@@ -35,24 +35,33 @@ STATE = "/tmp/rigel-k8s-global-parameters"
 READY = f'read -r state <{STATE} && echo "$state" && test "$state" = set'
 
 
-def list_keys(options: OrchestrationOptions) -> list[str]:
-    """Return the keys of parameters that do not belong to a node."""
-    return [key for key in KEYS if getattr(options, key)]
-
-
 def setter_name(release: str) -> str:
     """Return the name of the Deployment, and of the ConfigMap with its files."""
     return object_name(f"{release}-{CONTAINER}")
 
 
-def setter_identity(around: ReleaseContext, options: OrchestrationOptions) -> PodIdentity:
-    """Return the Deployment's identity on the network; each image of ROS 1 can set values."""
-    own = options.image or options.application_image or options.ros_master_image
-    return PodIdentity(setter_name(around.release), str(own or around.default_image))
+def setter_of(options: OrchestrationOptions, image: str) -> Companion:
+    """Return the Deployment; each image of ROS 1 can set values.
+
+    Args:
+        image: roscore's.
+    """
+    own = options.image or options.application_image or image
+    identity = PodIdentity(setter_name(str(options.deployment_name)), str(own))
+
+    def objects(
+        release: ReleaseContext, texts: Texts, wired: Wiring, place: Mapping[str, Any]
+    ) -> Iterator[tuple[Path, Object]]:
+        for item in setter_objects(release, identity, options, texts.files, wired, place):
+            yield (list_global_keys(options)[0],), item
+
+    title = "the Deployment for global parameters"
+    return Companion(identity=identity, title=title, objects=objects)
 
 
 def setter_objects(
     around: ReleaseContext,
+    identity: PodIdentity,
     options: OrchestrationOptions,
     files: Mapping[str, str],
     wired: Wiring,
@@ -64,13 +73,12 @@ def setter_objects(
         files: the texts of parameter files, by the names that the Rigelfile gives them.
         place: fields of the pod's spec that decide where it runs.
     """
-    identity = setter_identity(around, options)
     mounted = {name: files[path] for name, path in list_local(options)}
     if options.parameters:
         mounted |= write_values(tree(options.parameters))
     if mounted:
         yield config_map(around, identity.name, mounted, part_of=identity.name)
-    line = [*begin("1", options), *list_steps(options, "/"), "--keep", mark_name(around.release)]
+    line = [*begin("ros1", options), *list_steps(options, "/"), "--keep", mark_name(around.release)]
     volume, mount = inpod_volume(around.release)
     volumes, mounts = [volume], [mount]
     if mounted:

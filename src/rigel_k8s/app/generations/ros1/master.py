@@ -7,14 +7,18 @@ reason the readiness probe is patient: a pod that is not ready is left out of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import attrs
 
+from rigel_k8s.app.application import has_application
 from rigel_k8s.app.environment import environment, ros_variables
-from rigel_k8s.app.gate import behind_gate
-from rigel_k8s.network.wiring import Wiring
+from rigel_k8s.app.generations.ros1.gate import behind_gate, gate_objects
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.generation import Companion, Texts
+from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import (
@@ -22,6 +26,7 @@ from rigel_k8s.objects.pods import (
     GATE_PORT,
     MASTER_NAME,
     MASTER_PORT,
+    MASTER_URI,
     SCRIPTS_PATH,
     Object,
     drop_empty,
@@ -31,7 +36,10 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.tolerations import stays, tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
+from rigel_k8s.problems import Path
 
+#: The node that each roscore has.
+ROSOUT = "/rosout"
 MASTER_CONTAINER = "ros-master-container"
 
 #: A replaced pod's address swallows what is sent to it. roscore still calls the old node to end it
@@ -39,6 +47,57 @@ MASTER_CONTAINER = "ros-master-container"
 #: such pods no node learns of a new publisher. So 10 threads, and 3 s for a connection.
 MASTER_OPTIONS = ["-w", "10", "-t", "3"]
 ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
+
+
+def deploys_master(options: OrchestrationOptions) -> bool:
+    """Return whether the release has a roscore of its own."""
+    if options.deploy_ros_master is None:
+        return options.ros_master_uri is None and bool(options.nodes or has_application(options))
+    return options.deploy_ros_master
+
+
+def master_uri(options: OrchestrationOptions) -> str:
+    """Return the ROS_MASTER_URI of all nodes; an image may start roscore itself."""
+    if options.ros_master_uri:
+        return str(options.ros_master_uri)
+    return MASTER_URI if deploys_master(options) else f"http://localhost:{MASTER_PORT}"
+
+
+def image_of(options: OrchestrationOptions, distro: str) -> str:
+    """Return roscore's image: the official one, or a copy of it that the nodes run."""
+    if options.ros_master_image:
+        return str(options.ros_master_image)
+    if options.image and is_official(str(options.image), distro):
+        return str(options.image)
+    return f"ros:{distro}-ros-core"
+
+
+def is_official(image: str, distro: str) -> bool:
+    """Return whether an image is one of the official ones, wherever it is: all have a roscore.
+
+    Any other image that has one may change with each build, and roscore would restart with it.
+    """
+    name = image.partition("@")[0].rpartition("/")[2]
+    return re.fullmatch(rf"ros:{re.escape(distro)}(-[\w.-]+)?", name) is not None
+
+
+def master_of(options: OrchestrationOptions, distro: str) -> Companion:
+    """Return roscore."""
+    identity = PodIdentity(MASTER_NAME, image_of(options, distro))
+
+    def objects(
+        release: ReleaseContext, texts: Texts, wired: Wiring, place: Mapping[str, Any]
+    ) -> Iterator[tuple[Path, Object]]:
+        if release.gate:
+            for item in gate_objects(release, texts.program):
+                yield ("gate",), item
+        params = options.additional_k8s_params.ros_master
+        selector = options.ros_master_placement.node_selector
+        master = master_deployment(release, identity.image, params, wired, selector)
+        yield ("deploy_ros_master",), master_service(release, master)
+        yield ("deploy_ros_master",), master
+
+    return Companion(identity=identity, title="roscore", objects=objects, ros_name=ROSOUT)
 
 
 def master_deployment(
@@ -80,7 +139,7 @@ def master_deployment(
         MASTER_NAME,
         pod,
         strategy={"type": "Recreate"},
-        annotations={SINGLETON_ANNOTATION: "/rosout", FIRST_ANNOTATION: "true"},
+        annotations={SINGLETON_ANNOTATION: ROSOUT, FIRST_ANNOTATION: "true"},
         pod_annotations=notes,
     )
     merged: Object = merge(made, params)

@@ -9,22 +9,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
-import attrs
 import yaml
 
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, flat, list_local, tree
+from rigel_k8s.app.programs import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.starting import begin, list_steps, needs_script, split, write_values
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
-
-SHELLS = ("sh", "bash", "dash", "ash", "zsh")
-#: Programs that would misread `__name:=x`, or do not pass it on.
-NO_ROS_ARGUMENTS = frozenset(
-    (*SHELLS, "busybox", "env")
-    + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
-)
 
 #: What loads nodelets if a node has components and no program.
 MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
@@ -40,28 +33,7 @@ exec "$@"
 """
 
 
-@attrs.frozen
-class Command:
-    """A container's command and args (None: the image's own), and its parameter files.
-
-    Attributes:
-        files: name to text, to be mounted at PARAMETERS_PATH.
-        start: the words of start.sh, which `programs.prepare` puts before all others; empty
-            if there is nothing to prepare.
-    """
-
-    command: Sequence[str] | None = None
-    args: Sequence[str] | None = None
-    files: Mapping[str, str] = attrs.field(factory=dict)
-    start: Sequence[str] = ()
-
-
-def full_name(key: str, node: NodeOptions) -> str:
-    """Return the full ROS name of a node."""
-    return ros_name(node.name or key, node.namespace)
-
-
-def takes_ros_arguments(line: Sequence[str]) -> bool:
+def takes_arguments(line: Sequence[str]) -> bool:
     """Return whether `name:=value` can be appended to a command line."""
     return bool(line) and PurePosixPath(line[0]).name not in NO_ROS_ARGUMENTS
 
@@ -80,7 +52,7 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
     start: tuple[str, ...] = ()
     if needs_script(node):
         steps = [] if node.anonymous else list_steps(node, parameter_namespace(key, node))
-        start = (*begin("1", node, node.env), *steps)
+        start = (*begin("ros1", node, node.env), *steps)
     elif mounted:
         line = ["/bin/sh", "-c", LOADER, parameter_namespace(key, node), *line]
     if node.command is not None:
@@ -103,7 +75,7 @@ def program(node: NodeOptions) -> list[str]:
 
 def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
     """Yield what ROS reads of a command line: the name, remappings, private parameters."""
-    if node.launch or not takes_ros_arguments(program(node)):
+    if node.launch or not takes_arguments(program(node)):
         return
     if not node.anonymous:
         yield f"__name:={full_name(key, node).rpartition('/')[2]}"
@@ -111,11 +83,6 @@ def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
     if not needs_file(node):
         for name, value in flat(node.parameters):
             yield f"_{name}:={scalar(value)}"
-
-
-def assignments(pairs: Mapping[Any, Any]) -> Iterator[str]:
-    """Yield `name:=value` for each pair."""
-    return (f"{name}:={text_of(value)}" for name, value in pairs.items())
 
 
 def scalar(value: Any) -> str:

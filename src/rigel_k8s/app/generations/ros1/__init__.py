@@ -1,0 +1,132 @@
+"""ROS 1: nodes register with roscore, a workload of its own, with a gate in front of it.
+
+The gate's program is the house `rigel_gate`. With it, this folder, and its line in generation.py,
+ROS 1 is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import attrs
+
+from rigel_k8s.app.generations.ros1 import checks, commands, updating
+from rigel_k8s.app.generations.ros1.binding import bind_to_master, bind_to_parameters
+from rigel_k8s.app.generations.ros1.components import NODELETS
+from rigel_k8s.app.generations.ros1.gate import has_gate, remedies_of
+from rigel_k8s.app.generations.ros1.globalparameters import setter_of
+from rigel_k8s.app.generations.ros1.master import deploys_master, image_of, master_of, master_uri
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.parameters import list_global_keys
+from rigel_k8s.generation import Companion, Generation, Object
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.workloads import ReleaseContext
+
+if TYPE_CHECKING:
+    from rigel_k8s.discovery.members import Member
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.types import ReleaseId
+    from rigel_k8s.rosgraph.handover import GateStatus
+    from rigel_k8s.rosgraph.pods import GraphPod
+    from rigel_k8s.rosgraph.types import RosGraph
+
+
+def variables(release: ReleaseContext, namespace: str | None, address: str) -> dict[str, Object]:
+    """Return the variables of a container.
+
+    ROS_IP makes a node advertise an address that other pods reach: a pod's name resolves nowhere.
+    The rest makes rospy and roscpp log at once.
+    """
+    return {
+        "ROS_MASTER_URI": {"value": release.master_uri},
+        "ROS_IP": {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": address}}},
+        "ROS_NAMESPACE": {"value": namespace},
+        "PYTHONUNBUFFERED": {"value": "1"},
+        "ROSCONSOLE_STDOUT_LINE_BUFFERED": {"value": "1"},
+    }
+
+
+def in_context(release: ReleaseContext, options: OrchestrationOptions) -> ReleaseContext:
+    """Return a release's context with its master."""
+    gate = deploys_master(options) and has_gate(options, release.distro)
+    return attrs.evolve(release, master_uri=master_uri(options), gate=gate)
+
+
+def companions(options: OrchestrationOptions, distro: str) -> list[Companion]:
+    """Return roscore, and what sets global parameters at it."""
+    found = [master_of(options, distro)] if deploys_master(options) else []
+    if list_global_keys(options):
+        found.append(setter_of(options, image_of(options, distro)))
+    return found
+
+
+def read_program() -> Mapping[str, str]:
+    """Return the gate's files."""
+    from rigel_gate.program import program
+
+    return program()
+
+
+def bind(made: Sequence[Manifest]) -> Sequence[Manifest]:
+    """Return the objects; nodes restart with their master, and with the global parameters."""
+    return tuple(bind_to_parameters([*bind_to_master(made)]))
+
+
+def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
+    """Return the graph of the master."""
+    from rigel_k8s.rosgraph.ros1 import read
+
+    return read(cluster, pods)
+
+
+def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
+    """Return what the gate answers."""
+    from rigel_k8s.rosgraph.gate import read_gate as read
+
+    return read(cluster, release)
+
+
+ROS1 = Generation(
+    name="1",
+    title="ROS 1",
+    dds=False,
+    prepares_home=True,
+    clash="shut each other down",
+    surge="during an update two pods of one ROS name run at once, and the ROS master shuts one of"
+    " them down; leave `strategy` out, and a node hands its name over, or stops for its update",
+    hands_over=True,
+    program=commands.program,
+    takes_arguments=commands.takes_arguments,
+    command_of=commands.command_of,
+    variables=variables,
+    probe=lambda plan: ("node",),
+    components=NODELETS,
+    find_obstacle=updating.find_own_obstacle,
+    choose_way=updating.choose_way,
+    refuse_hand_over=updating.refuse_hand_over,
+    check=checks.check,
+    check_parameters=checks.check_names,
+    explain_unreadable=checks.explain_unreadable,
+    explain_unseen=checks.explain_unseen,
+    in_context=in_context,
+    companions=companions,
+    read_program=read_program,
+    bind=bind,
+    remedies=remedies_of,
+    read_graph=read_graph,
+    read_gate=read_gate,
+    starter={
+        "status": "what runs where, and what is wrong with it",
+        "distro": "noetic",
+        "workspace": "catkin",
+        "run": "rosrun",
+        "package": "rospy_tutorials",
+        "apt": "ros-noetic-rospy-tutorials",
+        "rate": "10",
+        "deploys": """\
+  # Deploys a ROS master and the nodes, each in a pod of its own, and waits until they are ready.
+""",
+        "network": "      deploy_ros_master: true\n",
+    },
+)

@@ -1,0 +1,370 @@
+"""ROS 2: nodes discover each other by DDS or zenoh, and read --ros-args.
+
+Parameters always travel in files: on a command line "1.10" would become a number, and lists need
+quoting that shells and launch files undo.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+import yaml
+
+from rigel_k8s.app.components.options import Component
+from rigel_k8s.app.components.running import check_values, dotted
+from rigel_k8s.app.generations import masterless
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import (
+    PARAMETERS_PATH,
+    ParameterOptions,
+    file_of,
+    flat_values,
+    is_list_of_one_type,
+    list_local,
+    list_paths,
+    unify_lists,
+)
+from rigel_k8s.app.programs import (
+    NO_ROS_ARGUMENTS,
+    Command,
+    assignments,
+    explain_not_passed,
+    full_name,
+)
+from rigel_k8s.app.starting import (
+    begin,
+    list_run_steps,
+    load_values,
+    needs_script,
+    split,
+    write_values,
+)
+from rigel_k8s.app.updating import Way, find_obstacle, recreate, requests_hand_over
+from rigel_k8s.generation import Generation, Loading, Object
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.readiness import ready_words
+from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.pods import LOG_PATH, log_volume
+from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.problems import Problem
+from rigel_k8s.substitution_args import has_substitution
+from rigel_k8s.yaml_text import Dumper, Loader
+
+FLAG, END = "--ros-args", "--"
+#: The parameters of all nodes of a process.
+ANY_NODE = "/**"
+PARAMETERS = "ros__parameters"
+#: What loads components if a node has no program of its own.
+CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
+#: The node's own `parameters`, as rcl reads them.
+OWN_FILE = "99-parameters.yaml"
+
+
+def takes_arguments(line: Sequence[str]) -> bool:
+    """Return whether --ros-args can be appended to a command line."""
+    if not line:
+        return False
+    name = PurePosixPath(line[0]).name
+    if name == "ros2":
+        return list(line[1:2]) == ["run"]
+    return name not in NO_ROS_ARGUMENTS
+
+
+def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
+    """Return what a node's container runs.
+
+    Args:
+        key: the node's key in `nodes`.
+        files: the texts of its parameter files, by the names in `parameter_files`.
+    """
+    mounted = render_files(node, files)
+    line = program(node)
+    line += ros_arguments(key, node, line, mounted)
+    if not line:
+        return Command()
+    start: tuple[str, ...] = ()
+    if needs_script(node):
+        steps = (*load_values(mounted, ANY_NODE), *list_run_steps(node))
+        start = (*begin("ros2", node, node.env), *steps)
+    if node.command is not None:
+        return Command(command=line, files=mounted, start=start)
+    return Command(args=line, files=mounted, start=start)
+
+
+def program(node: NodeOptions) -> list[str]:
+    """Return the program and its own arguments; empty for the image's CMD."""
+    own = split(node, node.args or [])
+    if node.launch:
+        package = [node.launch.package] if node.launch.package else []
+        return ["ros2", "launch", *package, node.launch.file, *assignments(node.launch.args)]
+    if node.package:
+        return ["ros2", "run", node.package, node.executable or "", *own]
+    line = split(node, node.command) if node.command is not None else own
+    return line or list(CONTAINER if node.components else ())
+
+
+def ros_arguments(
+    key: str, node: NodeOptions, line: Sequence[str], mounted: Mapping[str, str]
+) -> list[str]:
+    """Return what is appended to a line for ROS: names, remappings, parameter files."""
+    if node.launch or not takes_arguments(line):
+        return []
+    found = [word for rule in rules(key, node) for word in ("-r", rule)]
+    paths = [path for path, _ in list_paths(node)]
+    if OWN_FILE in mounted:
+        paths.append(f"{PARAMETERS_PATH}/{OWN_FILE}")
+    found += [word for path in paths for word in ("--params-file", path)]
+    if not found or reads_ros_arguments(line):
+        return found
+    return [FLAG, *found]
+
+
+def rules(key: str, node: NodeOptions) -> Iterator[str]:
+    """Yield remapping rules: the node's name and namespace, then the user's own."""
+    namespace, _, name = full_name(key, node).rpartition("/")
+    if node.anonymous:
+        namespace = "/" + str(node.namespace or "").strip("/")
+    else:
+        yield f"__node:={name}"
+    if namespace.strip("/"):
+        yield f"__ns:={namespace}"
+    yield from assignments(node.remappings)
+
+
+def reads_ros_arguments(line: Sequence[str]) -> bool:
+    """Return whether the end of a line is already read as ROS arguments."""
+    marks = [word for word in line if word in (FLAG, END)]
+    return marks[-1:] == [FLAG]
+
+
+def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
+    """Return the files to mount, in the order of loading; `parameters` win over files."""
+    found = {name: nest_parameters(files[path]) for name, path in list_local(node)}
+    later = {
+        name: value
+        for name, value in node.parameters.items()
+        if node.substitution_args and has_substitution(value)
+    }
+    now = {name: value for name, value in node.parameters.items() if name not in later}
+    if now:
+        own = {ANY_NODE: {PARAMETERS: quote_texts(unify_lists(now))}}
+        found[OWN_FILE] = yaml.dump(own, Dumper=ParameterDumper, sort_keys=True, width=2**20)
+    if later:
+        found |= write_values(unify_lists(later))
+    return found
+
+
+class QuotedText(str):
+    """A text that is written in quotes."""
+
+
+class ParameterDumper(Dumper):  # type: ignore[misc]  # Any: with or without LibYAML
+    """Writes YAML for rcl."""
+
+
+ParameterDumper.add_representer(
+    QuotedText,
+    lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", str(text), style='"'),
+)
+
+
+def quote_texts(value: Any) -> Any:
+    """Return parameters whose texts are quoted: rcl reads `y` and `12e5` as other types."""
+    if isinstance(value, str):
+        return QuotedText(value)
+    if isinstance(value, Mapping):
+        return {key: quote_texts(inner) for key, inner in value.items()}
+    return [quote_texts(inner) for inner in value] if isinstance(value, list) else value
+
+
+def nest_parameters(text: str) -> str:
+    """Return a parameter file as rcl reads it; plain names and values apply to any node.
+
+    The text itself is kept: rcl reads 1e3 as a number, our YAML parser as text.
+    """
+    if has_key(yaml.load(text, Loader), PARAMETERS):
+        return text
+    lines = (line for line in text.splitlines() if line.strip() not in ("---", "..."))
+    body = textwrap.indent("\n".join(lines), "    ")
+    return f"{ANY_NODE}:\n  {PARAMETERS}:\n{body}\n"
+
+
+def has_key(value: Any, key: str) -> bool:
+    """Return whether a tree of mappings has a key anywhere."""
+    if not isinstance(value, Mapping):
+        return False
+    return key in value or any(has_key(item, key) for item in value.values())
+
+
+def variables(release: ReleaseContext, namespace: str | None, address: str) -> dict[str, Object]:
+    """Return the variables of a container.
+
+    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start if it
+    cannot write a log directory, for example with another user or a read-only root.
+    """
+    return {
+        "PYTHONUNBUFFERED": {"value": "1"},
+        "RCUTILS_COLORIZED_OUTPUT": {"value": "0"},
+        "RCUTILS_LOGGING_USE_STDOUT": {"value": "1"},
+        "RCUTILS_LOGGING_BUFFERED_STREAM": {"value": "1"},
+        "ROS_LOG_DIR": {"value": LOG_PATH},
+    }
+
+
+def explain_unreadable(node: NodeOptions, key: str) -> str | None:
+    """Return why a node could not read the key's value, None if it can."""
+    if node.launch:
+        if key != "parameter_files":
+            where = "launch.args" if key == "parameters" else "the launch file"
+            return f"ros2 launch does not read {key} from its command line: write them in {where}"
+        if any(PARAMETERS_PATH in str(value) for value in node.launch.args.values()):
+            return None
+        path, _ = next(list_paths(node))
+        return f"ros2 launch does not read parameter files: pass them in launch.args, as {path}"
+    line = program(node)
+    return None if takes_arguments(line) else explain_not_passed(line, key)
+
+
+def check_parameters(options: ParameterOptions) -> Iterator[Problem]:
+    """Yield lists and namespaces of parameters that ROS 2 does not have."""
+    for key, name, value in flat_values(options.parameters):
+        if isinstance(value, list) and not is_list_of_one_type(value):
+            message = f'the list "{name.replace("/", ".")}" must have values of one type'
+            yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
+    for index, entry in enumerate(map(file_of, options.parameter_files)):
+        if entry.namespace is not None:
+            path = ("parameter_files", index, "namespace")
+            message = "ROS 2 has no namespaces of parameters: write the names in full in the file"
+            yield Problem(path, message, "no-parameter-namespace", at_key=True)
+
+
+def find_own_obstacle(
+    node: NodeOptions,
+    volumes: Mapping[str, Volume],
+    network: Network | None,
+    middleware: str | None,
+) -> str | None:
+    """Return why a lifecycle node cannot be handed over to another pod."""
+    if node.launch:
+        return "a launch file gives its nodes their names: use package and executable, or args"
+    if node.lifecycle:
+        return "it makes the transitions of `lifecycle`: remove one of the two"
+    if node.components:
+        return "its components are loaded again, and would run beside those of the old pod"
+    try:
+        line = program(node)
+    except ValueError:
+        return "its command line cannot be split into words"
+    if not takes_arguments(line):
+        return "its services get names of their own, by arguments that only a program takes"
+    if network is not None:
+        mode = mode_of(network)
+        middleware = mode.middleware or middleware
+        if mode.in_machine_network:
+            return "it uses the machine's own network"
+        if network.ipam == "static":
+            return "with `ipam: static` two pods would have one address"
+        if mode.one_pod:
+            return f"with `{network.mode}` the two pods do not find each other"
+    if middleware == "zenoh":
+        return "hand-over needs DDS, and this is zenoh"
+    return find_obstacle(node, volumes, (None, "ros", "dds"))
+
+
+def choose_way(
+    release: ReleaseContext,
+    workload: str,
+    ros_name: str | None,
+    update: RollingUpdate,
+    obstacle: str | None,
+) -> Way:
+    """Return HandOver for a lifecycle node that requests it, and can; see docs/beside-a-node.md."""
+    if not requests_hand_over(update) or ros_name is None or obstacle:
+        return recreate()
+    pod = {"fieldRef": {"apiVersion": "v1", "fieldPath": "metadata.name"}}
+    env: dict[str, Object] = {
+        "RIGEL_K8S_LIFECYCLE": {"value": ros_name},
+        "RIGEL_K8S_POD": {"valueFrom": pod},
+    }
+    return Way("HandOver", "", update, env, "lifecycle.sh", ("--lifecycle", ros_name))
+
+
+def describe_component(key: str, component: Component) -> dict[str, Any]:
+    """Return a composable node for components.py: dotted parameters, remapping rules."""
+    return {
+        "name": component.full_name(key),
+        "package": component.package,
+        "plugin": component.plugin,
+        "parameters": dict(dotted(component.parameters)),
+        "remappings": [f"{one}:={other}" for one, other in component.remappings.items()],
+        "extra_arguments": dict(component.extra_arguments),
+    }
+
+
+def check_component(component: Component) -> Iterator[Problem]:
+    """Yield what a composable node needs, and parameters without a type."""
+    if component.package is None:
+        message = f"the package of {component.plugin} is missing: add `package`"
+        yield Problem((), message, "incomplete", at_key=True)
+    yield from check_values(component)
+    for key, value in component.parameters.items():
+        for name, inner in dotted({key: value}):
+            if isinstance(inner, list) and not (inner and is_list_of_one_type(inner)):
+                message = f'the list "{name}" must have values of one type, and at least one'
+                yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
+
+
+ROS2 = Generation(
+    name="2",
+    title="ROS 2",
+    rmw=True,
+    lifecycle=True,
+    clash="answer each other's services and parameters",
+    surge="during an update two nodes of one name run at once: each of their messages comes twice,"
+    " and either answers services and actions; leave `strategy` out, and a lifecycle node hands"
+    " over where it can, any other stops for its update",
+    not_warm="a lifecycle node receives its topics from `configure` on anyway: remove it",
+    program=program,
+    takes_arguments=takes_arguments,
+    command_of=command_of,
+    variables=variables,
+    volumes=lambda: (log_volume(),),
+    probe=ready_words,
+    components=Loading(
+        script="components.py",
+        describe=describe_component,
+        check=check_component,
+        are_nodes=True,
+        twice="in a rolling update the containers of both pods would load them: use Recreate",
+    ),
+    find_obstacle=find_own_obstacle,
+    choose_way=choose_way,
+    check=lambda options: masterless.check(options, "ROS 2"),
+    check_parameters=check_parameters,
+    explain_unreadable=explain_unreadable,
+    explain_unseen=masterless.explain_unseen,
+    read_graph=masterless.read_graph,
+    starter={
+        "status": "what runs where, who has discovered whom, and what is wrong",
+        "distro": "lyrical",
+        "workspace": "colcon",
+        "run": "ros2, run",
+        "package": "demo_nodes_cpp",
+        "apt": "ros-lyrical-demo-nodes-cpp",
+        "rate": "10.0",
+        "deploys": """\
+  # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they
+  # discover each other.
+""",
+        "network": """\
+      # Pod networks carry no multicast between machines. peers works on any cluster; macvlan puts
+      # the nodes onto the machines' Ethernet, where laptops see them too:
+      # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
+      network: peers
+""",
+    },
+)

@@ -8,6 +8,7 @@ from .shapes import GOLDEN, problems
 
 #: (what is told, where, the job's `with`)
 WRONG = [
+    ("ros1", "middleware", "{middleware: cyclonedds}"),
     (
         "two-masters",
         "ros_master_uri",

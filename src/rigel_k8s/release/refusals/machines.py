@@ -72,7 +72,7 @@ def explain_size(workload: Manifest, fitting: Sequence[Manifest]) -> str:
     amounts = amounts_of_pod(workload["spec"]["template"])
     asked = {
         name.removeprefix("requests."): value
-        for name, value in amounts.items()
+        for name, value in sorted(amounts.items())
         if name.startswith("requests.") and value
     }
     rooms = [(node["metadata"]["name"], read_room(node)) for node in fitting]

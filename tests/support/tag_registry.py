@@ -37,6 +37,12 @@ class _Answer(BaseHTTPRequestHandler):
             self.send_header("Docker-Content-Digest", self.server.digest)
         self.end_headers()
 
+    def do_GET(self) -> None:
+        """Say that it does not have an image, as a registry does; the others are only asked for."""
+        self.send_response(404)
+        self.end_headers()
+        self.wfile.write(b'{"errors": [{"code": "MANIFEST_UNKNOWN"}]}')
+
 
 @contextmanager
 def serve_tags() -> Iterator[TagRegistry]:

@@ -125,12 +125,14 @@ def job_of(
     """
     rigelfile = rigelfile or load(settings)
     job = choose_job(rigelfile, settings, name)
+    values = Values(rigelfile)
+    _, findings = values.preview(job, data or {})
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
     try:
-        ready = Values(rigelfile).realise(job, data or {})
-    except ProblemsError as error:
-        seen = grammar.preview(rigelfile, job.spec, None, data or {}, job.type.options).findings
-        if all(finding.severity != "error" for finding in seen):  # only data is missing
-            error.hint = "pass what a sequence would store: --data KEY=VALUE"
+        ready = values.realise(job, data or {})
+    except ProblemsError as error:  # data is missing
+        error.hint = "pass what a sequence would store: --data KEY=VALUE"
         raise
     return TargetJob(
         job,

@@ -155,7 +155,7 @@ def test_a_label_that_no_node_has_stops_before_anything_is_applied(
     node = {"args": PUB, "placement": {"labels": {"no-such-robot": "yes"}}}
     with pytest.raises(UserError) as caught:
         run({"nodes": {"pub": node}})
-    assert caught.value.hint == "kubectl label node NODE no-such-robot=yes"
+    assert "kubectl label node NODE no-such-robot=yes" in caught.value.details[0]
     assert cluster.list("apps/v1", "Deployment", namespace) == []
 
 

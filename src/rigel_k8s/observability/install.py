@@ -45,6 +45,8 @@ class StackPart(SharedPart):
             make_namespace(cluster, self.release.namespace)
             ensure_administrator(cluster, self.release.namespace, self.password)
         changes = self.changes(looked)
+        if changes:
+            self.warn_of_away(options.report)
         patient = attrs.evolve(options, timeout=options.timeout or PATIENT)
         revision = self.install(cluster, looked, patient)
         away = f"; not waited for, since unreachable: {', '.join(self.away)}" if self.away else ""

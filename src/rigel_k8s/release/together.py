@@ -98,6 +98,11 @@ class SharedPart(Part):
             return True
         return last.options != self.desired.options
 
+    def warn_of_away(self, report: Reporter) -> None:
+        """Report the machines that are not waited for."""
+        for name in self.away:
+            report.warn(f"machine {name} is not ready: the installation does not wait for it")
+
     def install(self, cluster: Cluster, looked: Look, options: DeployOptions) -> Revision:
         """Deploy it, unless it is as it was left; return its last revision."""
         last = looked.survey.last
@@ -105,10 +110,6 @@ class SharedPart(Part):
             if looked.survey.lease is not None:
                 bury(cluster, looked.survey.lease, options.report)
             return last
-        for name in self.away:
-            options.report.warn(
-                f"machine {name} is not ready: the installation does not wait for it"
-            )
         run = Run(
             cluster=cluster,
             desired=self.desired,

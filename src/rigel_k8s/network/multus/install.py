@@ -90,6 +90,7 @@ class MultusPart(SharedPart):
             ClusterError: a machine cannot attach pods; the causes are in the details.
         """
         report_others(self.found, options.report)
+        self.warn_of_away(options.report)
         if self.installs:
             options = attrs.evolve(options, description="network")
             rollout = Rollout(cluster, self.installation, self.found, options)

@@ -201,7 +201,10 @@ class OrchestrationOptions:
     deploy_ros_master: bool | None = option(
         "ROS 1: deploy roscore as ros-master (default: unless there is a ros_master_uri)"
     )
-    ros_master_image: ImageRef | None = option("roscore's image (default ros:DISTRO-ros-core)")
+    ros_master_image: ImageRef | None = option(
+        "roscore's image (default: `image` if that is ros:DISTRO of any registry, else"
+        " ros:DISTRO-ros-core)"
+    )
     ros_master_placement: Machines = attrs.field(
         factory=Machines,
         metadata={"doc": "the machine of roscore, which stays there while it is unreachable"},
@@ -228,6 +231,9 @@ class OrchestrationOptions:
         "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) in global parameters; a"
         " node has an option of its own",
         default=False,
+    )
+    ros_version: Literal["ros1", "ros2"] | None = option(
+        "src.plugin's word for the ROS of application.distro; only compared with that"
     )
     ros: Literal["1", "2", "none"] | None = option(
         "which ROS; none is a plain DDS application (default: that of application.distro)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rigel_k8s.cli.words import settings
+from rigel_k8s.cli.words import settings, warn
 
 
 @click.command()
@@ -53,3 +53,11 @@ def rbac(
     ]
     found = roles.roles(settings(ctx), purpose, subjects, namespace=namespace)
     click.echo(documents(found), nl=False)
+    if purpose == "deployer" and (where := roles.find_open_namespace(settings(ctx), namespace)):
+        warn(
+            [
+                f"the namespace {where} does not enforce Pod Security, so its deployers can act as"
+                " root on every machine; to prevent that: kubectl label namespace"
+                f" {where} pod-security.kubernetes.io/enforce=baseline"
+            ]
+        )

@@ -9,11 +9,13 @@ import attrs
 
 from rigel_k8s.app.deploying.target import context_namespace
 from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
-from rigel_k8s.errors import UserError
-from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.rights import make_rules
 from rigel_k8s.settings import Settings
 
+#: On a namespace: the level of Pod Security that its pods must pass.
+POD_SECURITY = "pod-security.kubernetes.io/enforce"
 RBAC = "rbac.authorization.k8s.io"
 
 
@@ -65,6 +67,25 @@ def roles(
     needed = need_to_deploy(where) if deployer else need_to_look(where)
     rules = make_rules([*needed, *need_to_watch(where, deployer=deployer)])
     return list(bind("Role", f"rigel-{purpose}", where, rules, subjects))
+
+
+def find_open_namespace(settings: Settings, namespace: str | None) -> str | None:
+    """Return a namespace whose deployers may run pods as root of a machine, as far as one sees.
+
+    None: it has a Pod Security label that is not `privileged`, or it cannot be read.
+    """
+    from rigel_k8s.kube import connect
+
+    where = namespace or settings.namespace or context_namespace(settings)
+    try:
+        with connect(settings) as cluster:
+            found = cluster.get(ObjectRef("v1", "Namespace", "", where))
+    except RigelK8sError:
+        return None
+    if found is None:
+        return None
+    level = (found["metadata"].get("labels") or {}).get(POD_SECURITY, "privileged")
+    return where if level == "privileged" else None
 
 
 def bind(

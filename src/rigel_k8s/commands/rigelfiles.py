@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,8 +16,9 @@ from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import Kind
+from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import CheckResult
-from rigel_k8s.rigelfile.findings import sort_findings
+from rigel_k8s.rigelfile.findings import Finding, sort_findings
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Settings
@@ -78,10 +81,25 @@ def check(settings: Settings) -> CheckResult:
     result = grammar.check_file(settings.rigelfile, os.environ, resolve)
     if result.rigelfile is None or result.errors:
         return result
-    found = dict.fromkeys(result.findings)
+    found = dict.fromkeys([*result.findings, *check_names(result.rigelfile, directory)])
     for name in result.rigelfile.sequences:
         found.update(dict.fromkeys(check_sequence(result.rigelfile, name, settings)))
     return attrs.evolve(result, findings=sort_findings(found))
+
+
+def check_names(rigelfile: Rigelfile, directory: Path) -> Iterator[Finding]:
+    """Yield plugins that Rigel 0.3, where it is installed, could not import."""
+    if find_spec("rigel") is None or (directory / "src" / "plugin.py").exists():
+        return
+    for spec in rigelfile.jobs.values():
+        if spec.plugin.startswith("src.plugin."):
+            message = (
+                "Rigel 0.3, which is installed here, cannot load it: src/plugin.py does not exist;"
+                " write rigel_k8s.OrchestrationPlugin, which both read"
+            )
+            path = (*spec.path, "plugin")
+            problem = Problem(path, message, "no-plugin", severity="warning")
+            yield grammar.place(rigelfile.root, problem)
 
 
 def init(path: Path, *, ros: str, force: bool) -> None:

@@ -22,7 +22,7 @@ from rigel_k8s.kube.target import Target
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 NO_CLUSTER = (
     "start a local cluster with `rigel cluster up` (or kind, minikube, k3s), "
-    "or name a kubeconfig with --kubeconfig"
+    "or name a kubeconfig in the variable KUBECONFIG"
 )
 PATHS = ("certificate-authority", "client-certificate", "client-key", "tokenFile")
 

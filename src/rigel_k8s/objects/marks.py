@@ -16,6 +16,13 @@ FIRST_ANNOTATION = "rigel-k8s/first"
 OPTIONAL_ANNOTATION = "rigel-k8s/optional"
 #: On such a workload: what a user can do if it does not become ready.
 REMEDY_ANNOTATION = "rigel-k8s/remedy"
+#: On a workload whose image `image` does not set: what to do if it is not there, or not right.
+IMAGE_ANNOTATION = "rigel-k8s/image"
+
+
+def image_remedy_of(manifest: Manifest) -> str:
+    """Return what to do if a workload's image is not there, or not right; "" if that is plain."""
+    return str((manifest["metadata"].get("annotations") or {}).get(IMAGE_ANNOTATION, ""))
 
 
 def is_optional(manifest: Manifest) -> bool:

@@ -8,6 +8,7 @@ from .shapes import GOLDEN, problems
 
 #: (what is told, where, the job's `with`)
 WRONG = [
+    ("conflict", "ros_version", "{ros_version: ros2}"),
     ("ros1", "middleware", "{middleware: cyclonedds}"),
     (
         "two-masters",

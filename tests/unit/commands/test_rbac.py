@@ -14,6 +14,7 @@ from rigel_k8s.commands.rbac import account
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.rights import find_missing, grant
 from rigel_k8s.release.refusals.rights import need_for
+from tests.support.fake_cluster import FakeCluster
 
 
 def call(*words: str) -> list[Any]:
@@ -35,6 +36,24 @@ def test_a_role_is_printed_with_a_binding_for_each_subject() -> None:
     assert {item["metadata"]["namespace"] for item in (role, *bindings)} == {"robots"}
     assert [b["subjects"][0]["name"] for b in bindings] == ["ada@lab", "lab/robots", "bot"]
     assert all(b["roleRef"]["name"] == "rigel-deployer" for b in bindings)
+
+
+@pytest.mark.parametrize(
+    ("labels", "warned"),
+    [({}, True), ({"pod-security.kubernetes.io/enforce": "baseline"}, False), (None, False)],
+)
+def test_a_namespace_without_pod_security_is_a_warning(
+    labels: dict[str, str] | None, *, warned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its deployers can be root on machines; a namespace that does not exist says nothing."""
+    fake = FakeCluster()
+    if labels is not None:
+        meta = {"name": "robots", "labels": labels}
+        fake.create({"apiVersion": "v1", "kind": "Namespace", "metadata": meta})
+    monkeypatch.setattr("rigel_k8s.kube.connect", lambda settings: fake)
+    done = CliRunner().invoke(cli, ["-n", "robots", "rbac", "deployer"])
+    assert ("does not enforce Pod Security" in done.stderr) is warned
+    assert "Role" in done.stdout
 
 
 def test_the_namespace_may_stand_after_the_command() -> None:

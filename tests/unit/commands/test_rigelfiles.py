@@ -56,3 +56,24 @@ def test_limits_of_a_matrix_are_checked_before_anything_runs(tmp_path: Path, lim
     path.write_text(FLEET.replace("LIMIT", limit))
     found = rigelfiles.check(Settings(path)).findings
     assert [(finding.span.line, finding.kind) for finding in found] == [(12, "bad-matrix")]
+
+
+def test_a_plugin_that_rigel_cannot_import_is_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where Rigel 0.3 is installed and src/plugin.py is not there."""
+    path = tmp_path / "Rigelfile"
+    path.write_text(
+        "application: {distro: noetic}\n"
+        "jobs: {a: {plugin: src.plugin.OrchestrationPlugin, with: {application_image: a:1}}}\n"
+    )
+
+    def kinds() -> list[str]:
+        return [one.kind for one in rigelfiles.check(Settings(rigelfile=path)).findings]
+
+    assert "no-plugin" not in kinds()
+    monkeypatch.setattr(rigelfiles, "find_spec", lambda name: object())
+    assert "no-plugin" in kinds()
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "plugin.py").touch()
+    assert "no-plugin" not in kinds()

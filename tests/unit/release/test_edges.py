@@ -11,6 +11,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
+from rigel_k8s.objects.marks import IMAGE_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.deploy import diff, history
@@ -255,6 +256,18 @@ def test_a_cause_that_lasts_is_told_once_with_its_remedy(
     assert error.hint == f"{remedy}; `rigel status` shows its state"
     assert ("talker", cause, False) in report.states
     assert report.warnings == []
+
+
+def test_an_image_that_another_option_sets_is_told_with_it(
+    fake: Any, report: Recorder, quick: None
+) -> None:
+    """Roscore's image is a name that no user has written."""
+    fake.store.controllers = Controllers(unpulled)
+    master = workload("ros-master")
+    master["metadata"]["annotations"] = {IMAGE_ANNOTATION: "set `ros_master_image`"}
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(desired(master), fake, report=report, patience=Patience(image=0.1))
+    assert str(caught.value.hint).startswith("set `ros_master_image`; push it")
 
 
 def test_a_cause_that_passes_is_told(fake: Any, report: Recorder, quick: None) -> None:

@@ -54,6 +54,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     ros = generation_of(distro, options.ros)
     if options.ros is None:
         yield from check_distro(distro, date.today())
+    yield from check_version(options, ros, distro)
     yield from ros.check(options)
     yield from check_network(options, ros, distro)
     yield from check_security(options)
@@ -93,6 +94,16 @@ def check_distro(distro: str, today: date) -> Iterator[Problem]:
             " (treated as a ROS 1 of your own)"
         )
         yield Problem((), message, "unknown-distro", severity="warning")
+
+
+def check_version(options: OrchestrationOptions, ros: Generation, distro: str) -> Iterator[Problem]:
+    """Yield that src.plugin's `ros_version` contradicts the distribution."""
+    if options.ros_version not in (None, f"ros{ros.name}"):
+        message = (
+            f"application.distro is {distro}, and this is {ros.title}: change one of them, or"
+            " remove ros_version"
+        )
+        yield Problem(("ros_version",), message, "conflict")
 
 
 def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> Iterator[Problem]:

@@ -12,7 +12,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import RELEASE_LABEL, is_optional, remedy_of
+from rigel_k8s.objects.marks import RELEASE_LABEL, image_remedy_of, is_optional, remedy_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
@@ -82,6 +82,7 @@ class Waiter:
     looked_at: set[str] = attrs.field(factory=set)
     noted: dict[CauseKey, list[str]] = attrs.field(factory=dict)
     optional: dict[ObjectRef, str] = attrs.field(factory=dict)
+    images: dict[ObjectRef, str] = attrs.field(factory=dict)
     enough_since: float | None = None
     explained: float = 0.0
 
@@ -97,6 +98,7 @@ class Waiter:
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
         self.optional = {ref: remedy_of(live) for ref, live in targets.items() if is_optional(live)}
+        self.images = {ref: image_remedy_of(live) for ref, live in targets.items()}
         if all(self.take_in(ref, readiness(live)) for ref, live in targets.items()):
             return
         # What is unreachable cannot become ready: that time does not count.
@@ -339,7 +341,10 @@ class Waiter:
     def hint(self, ref: ObjectRef, kind: str = "") -> str:
         """Return what to do next: about a kind of cause, if it is known."""
         logs = f"`rigel logs {ref.name}` shows its output"
-        return f"{logs if kind in ('', *LOGGED) else CAUSES[kind].remedy}; {self.way_out}"
+        remedy = logs if kind in ("", *LOGGED) else CAUSES[kind].remedy
+        if kind in (*LOGGED, "image", "image-name", "start") and self.images.get(ref):
+            remedy = f"{self.images[ref]}; {remedy}"
+        return f"{remedy}; {self.way_out}"
 
 
 def has_label(live: Manifest) -> bool:

@@ -19,7 +19,7 @@ from rigel_k8s.app.generations.ros1.gate import behind_gate, gate_objects
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.wiring import PodIdentity, Wiring
-from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
+from rigel_k8s.objects.marks import FIRST_ANNOTATION, IMAGE_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
@@ -40,6 +40,8 @@ from rigel_k8s.problems import Path
 
 #: The node that each roscore has.
 ROSOUT = "/rosout"
+#: What to do if its image cannot be pulled, or has no roscore.
+IMAGE_OPTION = "this is roscore's image: set `ros_master_image`"
 MASTER_CONTAINER = "ros-master-container"
 
 #: A replaced pod's address swallows what is sent to it. roscore still calls the old node to end it
@@ -139,7 +141,11 @@ def master_deployment(
         MASTER_NAME,
         pod,
         strategy={"type": "Recreate"},
-        annotations={SINGLETON_ANNOTATION: ROSOUT, FIRST_ANNOTATION: "true"},
+        annotations={
+            SINGLETON_ANNOTATION: ROSOUT,
+            FIRST_ANNOTATION: "true",
+            IMAGE_ANNOTATION: IMAGE_OPTION,
+        },
         pod_annotations=notes,
     )
     merged: Object = merge(made, params)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
+from rigel_k8s.jobs import values
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
@@ -115,6 +116,31 @@ sequences:
 """
     sequence(directory, text, told)
     assert told.of("line") == ["a 7", "ab 0", "ab 0", "a 1"]
+
+
+def test_options_that_wait_for_nothing_are_made_once(
+    directory: Path, told: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The check before the run has made them; only what another job stores is made again."""
+    made: list[str] = []
+
+    def realise(rigelfile: Any, spec: Any, *rest: Any) -> Any:
+        made.append(spec.name)
+        return again(rigelfile, spec, *rest)
+
+    again = values.realise
+    monkeypatch.setattr(values, "realise", realise)
+    where = settings(
+        directory,
+        """
+jobs:
+  a: {plugin: mine.Say, with: {say: one, store: x}}
+  b: {plugin: mine.Say, with: {say: "{{ data.x }}"}}
+sequences: {all: {stages: [{jobs: [a, b]}]}}
+""",
+    )
+    run_sequence(load(where.rigelfile), "all", settings=where, report=told)
+    assert made == ["b"]
 
 
 def test_a_stage_matrix_gives_each_branch_its_values(directory: Path, told: Recorder) -> None:

@@ -38,7 +38,7 @@ def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
 
 
 def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
-    """Return a graph for scripts (docs/graph.md)."""
+    """Return a graph for scripts (docs/discovery.md)."""
     if graph is None:
         return None
     return {

@@ -1,7 +1,7 @@
 """Whether a release's DDS nodes discover each other, examined from inside their pods.
 
 A ROS 2 node whose multicast does not arrive runs and is ready, but no other node discovers it.
-docs/graph.md describes how this is detected and what it costs.
+docs/discovery.md describes how this is detected and what it costs.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ class Talking:
     params=["macvlan", pytest.param("discovery-server", marks=pytest.mark.slow)],
 )
 def network(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """The networks on which a node may hand over; docs/whole-robot-ros2.md has the second."""
+    """The networks on which a node may hand over; docs/whole-robot.md has the second."""
     if request.param == "discovery-server":
         return {"mode": "discovery-server", "servers": 2}
     request.getfixturevalue("multus")

@@ -53,7 +53,8 @@ def test_a_page_is_found(code: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "code", ['"""As docs/images.md says."""', '"set [`network`](networking.md)"', "# docs/graph.md"]
+    "code",
+    ['"""As docs/images.md says."""', '"set [`network`](networking.md)"', "# docs/discovery.md"],
 )
 def test_words_for_developers_are_not(code: str) -> None:
     """A docstring, a comment, and a link of the generated pages."""

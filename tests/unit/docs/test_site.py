@@ -64,6 +64,28 @@ def test_the_search_finds_every_page(site: Path) -> None:
     assert {location.rstrip("/") or "." for location in found} == pages
 
 
+@pytest.mark.parametrize(
+    ("words", "page"),
+    [
+        ("rosbag", "placement/"),
+        ("rosbag", "whole-robot/"),
+        ("gpu", "nodes/"),
+        ("udev", "placement/"),
+        ("foxglove", "whole-robot/"),
+        ("docker compose", ""),
+    ],
+)
+def test_the_search_finds_words_in_text_and_code(site: Path, words: str, page: str) -> None:
+    """Also those between brackets, dots and slashes, such as [rosbag, record] and nvidia.com/gpu."""
+    index = json.loads((site / "search" / "search_index.json").read_text("utf-8"))
+    separator = re.compile(index["config"]["separator"])
+    found: dict[str, set[str]] = {}
+    for entry in index["docs"]:
+        tokens = separator.split(f"{entry['title']} {entry['text']}".lower())
+        found.setdefault(entry["location"].partition("#")[0], set()).update(tokens)
+    assert set(words.split()) <= found[page]
+
+
 def test_bars_in_tables_have_no_backslash(site: Path) -> None:
     """GitHub needs one in a table's code."""
     page = (site / "cli" / "index.html").read_text("utf-8")

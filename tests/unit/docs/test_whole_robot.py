@@ -1,4 +1,4 @@
-"""The robot of docs/whole-robot.md passes the check and becomes what the page says."""
+"""The ROS 1 robot of docs/whole-robot.md passes the check and becomes what the page says."""
 
 from __future__ import annotations
 
@@ -18,6 +18,12 @@ NODES = ("planner", "camera", "recorder")
 def read_files(page: str) -> dict[str, str]:
     """Return the files that a page shows, by their paths."""
     return dict(re.findall(r'^```\w+ title="([^"\n]+)"\n(.*?)^```$', page, re.M | re.S))
+
+
+def read_section(title: str) -> str:
+    """Return what the page shows of one robot."""
+    page = (DOCS / "whole-robot.md").read_text("utf-8")
+    return page.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
 
 
 def lay_out(files: dict[str, str], directory: Path) -> Path:
@@ -41,7 +47,7 @@ def render(place: Path) -> list[Any]:
     return list(yaml.safe_load_all(done.stdout))
 
 
-PAGE = (DOCS / "whole-robot.md").read_text("utf-8")
+PAGE = read_section("A ROS 1 robot")
 FILES = read_files(PAGE)
 
 

@@ -1,4 +1,4 @@
-"""The robot of docs/whole-robot-ros2.md passes the check and becomes what the page says."""
+"""The ROS 2 robot of docs/whole-robot.md passes the check and becomes what the page says."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import yaml
 
 from tests.support.tutorials import run
 
-from .test_whole_robot import DOCS, find, lay_out, read_files, read_pod, render
+from .test_whole_robot import DOCS, find, lay_out, read_files, read_pod, read_section, render
 
 pytestmark = pytest.mark.programs
 
-PAGE = (DOCS / "whole-robot-ros2.md").read_text("utf-8")
+PAGE = read_section("A ROS 2 robot")
 FILES = read_files(PAGE)
 MACHINES = {
     "planner": "robot-1",
@@ -128,3 +128,14 @@ def test_the_planner_gets_its_parameter_file(objects: list[Any]) -> None:
     (text,) = find(objects, "ConfigMap", "planner-parameters")["data"].values()
     found = yaml.safe_load(text)
     assert found == {"/**": {"ros__parameters": {"rate": 10, "frame": "base_link"}}}
+
+
+def test_foxglove_is_one_more_node_of_the_robot(tmp_path: Path) -> None:
+    """The node of "See your robot" passes the check among the others."""
+    page = (DOCS / "whole-robot.md").read_text("utf-8")
+    (node,) = re.findall(r"^```yaml\nnodes:\n(.*?)^```$", page, re.M | re.S)
+    more = "".join(f"      {line}\n" for line in node.splitlines())
+    head, nodes, rest = FILES["Rigelfile"].partition("      nodes:\n")
+    changed = lay_out({**FILES, "Rigelfile": head + nodes + more + rest}, tmp_path)
+    done = run("export GHCR_TOKEN=x; rigel check", changed)
+    assert (done.returncode, done.stdout) == (0, "Rigelfile: no problems\n")

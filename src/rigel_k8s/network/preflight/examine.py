@@ -58,7 +58,7 @@ def inspect(
     *,
     mended: bool = False,
 ) -> tuple[RigelK8sError | None, tuple[str, ...]]:
-    """Return why the network cannot work, and what may go wrong; docs/preflight.md lists them.
+    """Return why the network cannot work, and what may go wrong; docs/errors.md lists them.
 
     Args:
         objects: all manifests of the release.

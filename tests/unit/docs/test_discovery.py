@@ -1,4 +1,4 @@
-"""The commands of docs/not-discovered.md that test UDP work as they are written."""
+"""The commands of docs/discovery.md that test UDP work as they are written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.programs
 
-PAGE = (Path(__file__).parents[3] / "docs" / "not-discovered.md").read_text("utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "discovery.md").read_text("utf-8")
 RECEIVE, SEND = re.findall(r"^```shell\nrigel exec \w+ -- (.*?)^```$", PAGE, re.M | re.S)
 (SHOWN,) = re.findall(r"^```text\n(.*?)^```$", PAGE, re.M | re.S)
 BOUND = 's.bind(("", 9999))\n'

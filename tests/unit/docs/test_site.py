@@ -76,7 +76,7 @@ def test_the_search_finds_every_page(site: Path) -> None:
     ],
 )
 def test_the_search_finds_words_in_text_and_code(site: Path, words: str, page: str) -> None:
-    """Also those between brackets, dots and slashes, such as [rosbag, record] and nvidia.com/gpu."""
+    """Also between brackets, dots and slashes: [rosbag, record], nvidia.com/gpu."""
     index = json.loads((site / "search" / "search_index.json").read_text("utf-8"))
     separator = re.compile(index["config"]["separator"])
     found: dict[str, set[str]] = {}

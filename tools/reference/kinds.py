@@ -42,9 +42,9 @@ PROBE = """If the message is a line of the readiness probe,
 [this list](runbooks/RosNodeGone.md#the-lines-of-a-probe) explains it.
 [A robot is offline](offline.md) describes a machine that Kubernetes cannot reach."""
 
-NETWORK = """What [the checks before a
-deploy](network-modes.md#checks-before-a-deploy) find on the cluster and its machines. If a problem needs a change of the Rigelfile, the exit code is 2, otherwise 1; a
-warning stops nothing. Each message has its remedy."""
+NETWORK = """What [the checks before a deploy](network-modes.md#checks-before-a-deploy) find on
+the cluster and its machines. If a problem needs a change of the Rigelfile, the exit code is 2,
+otherwise 1; a warning stops nothing. Each message has its remedy."""
 
 
 def write_kinds() -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.options import OrchestrationOptions
@@ -13,6 +12,7 @@ from rigel_k8s.app.updating import Way, choose_way, find_application_obstacle
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
+from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import (
     ReleaseContext,
@@ -125,11 +125,3 @@ def replaces_container(options: OrchestrationOptions) -> bool:
     """Return whether the pod has only the user's containers: no image, and none called ros-app."""
     names = [c.get("name") for c in containers_of(options.additional_k8s_params.application)]
     return bool(names) and APP_CONTAINER not in names and options.application_image is None
-
-
-def containers_of(params: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the containers that the user merged into a Deployment."""
-    place: Any = params
-    for key in ("spec", "template", "spec", "containers"):
-        place = place.get(key) if isinstance(place, Mapping) else None
-    return [c for c in place if isinstance(c, Mapping)] if isinstance(place, list) else []

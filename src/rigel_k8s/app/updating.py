@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import attrs
@@ -11,6 +11,7 @@ from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
+from rigel_k8s.objects.raw import list_mappings, mapping, pod_of
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 
@@ -172,7 +173,7 @@ def find_application_obstacle(
 
 def find_patched(patch: Mapping[str, Any]) -> str | None:
     """Return why a user's own part of a Deployment prevents two pods from running side by side."""
-    spec = mapping(mapping(mapping(patch.get("spec")).get("template")).get("spec"))
+    spec = pod_of(patch)
     if spec.get("hostNetwork"):
         return "it uses the machine's own network"
     for container in list_mappings(spec.get("containers")):
@@ -183,17 +184,6 @@ def find_patched(patch: Mapping[str, Any]) -> str | None:
     if any("persistentVolumeClaim" in one for one in list_mappings(spec.get("volumes"))):
         return "it mounts a claim that may be exclusive"
     return None
-
-
-def mapping(value: Any) -> Mapping[str, Any]:
-    """Return a mapping; an empty one for anything else."""
-    return value if isinstance(value, Mapping) else {}
-
-
-def list_mappings(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Yield the mappings of a list."""
-    items = value if isinstance(value, list | tuple) else ()
-    yield from (one for one in items if isinstance(one, Mapping))
 
 
 def share(value: Share | None, default: int) -> int | str:

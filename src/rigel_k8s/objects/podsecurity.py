@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
+from rigel_k8s.objects.raw import mapping
+
 Path = tuple[str | int, ...]
 Violation = tuple[Path, str]
 
@@ -130,11 +132,6 @@ def items(value: Any, *path: str | int) -> Iterator[tuple[Path, Mapping[str, Any
         for index, item in enumerate(value):
             if isinstance(item, Mapping):
                 yield (*path, index), item
-
-
-def mapping(value: Any) -> Mapping[str, Any]:
-    """Return a mapping; anything else gives an empty one."""
-    return value if isinstance(value, Mapping) else {}
 
 
 def under(path: Path, found: Iterator[Violation]) -> Iterator[Violation]:

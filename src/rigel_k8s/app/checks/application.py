@@ -15,7 +15,6 @@ import attrs
 
 from rigel_k8s.app.application import (
     APP_CONTAINER,
-    containers_of,
     has_application,
     replaces_container,
 )
@@ -38,6 +37,7 @@ from rigel_k8s.distros import CURRENT
 from rigel_k8s.generation import Generation, find_end, generation_of, guess_distro
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
+from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.problems import Path, Problem

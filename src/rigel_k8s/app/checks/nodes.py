@@ -17,7 +17,7 @@ from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.generation import Generation
 from rigel_k8s.objects.podoptions import EnvVar, Volume
-from rigel_k8s.objects.podsecurity import mapping
+from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
 
@@ -204,7 +204,7 @@ def check_machine_data(
 
 def is_placed(patch: Mapping[str, Any]) -> bool:
     """Return whether a user's own part of a Deployment chooses its machine."""
-    spec = mapping(mapping(mapping(patch.get("spec")).get("template")).get("spec"))
+    spec = pod_of(patch)
     return any(spec.get(key) for key in ("nodeName", "nodeSelector", "affinity"))
 
 

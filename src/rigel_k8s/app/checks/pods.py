@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import attrs
 
@@ -15,6 +14,7 @@ from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.rangechecks import pool_of
 from rigel_k8s.objects.naming import object_name
+from rigel_k8s.objects.raw import mapping
 from rigel_k8s.problems import Path, Problem
 
 #: The images of docker.io/library/ros and osrf/ros, which have only Fast DDS.
@@ -80,11 +80,6 @@ def application_of(options: OrchestrationOptions) -> Workload:
         image=("application_image",),
         official=bool(OFFICIAL.fullmatch(str(options.application_image or ""))),
     )
-
-
-def mapping(value: Any) -> Mapping[str, Any]:
-    """Return a mapping; an empty one for anything else."""
-    return value if isinstance(value, Mapping) else {}
 
 
 def check_pods(

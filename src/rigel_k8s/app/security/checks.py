@@ -9,7 +9,8 @@ from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of
-from rigel_k8s.objects.podsecurity import find_in_context, find_violations, mapping
+from rigel_k8s.objects.podsecurity import find_in_context, find_violations
+from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.problems import Path, Problem
 
 LEVEL = "security: restricted"
@@ -68,10 +69,7 @@ def check_node(node: NodeOptions) -> Iterator[Problem]:
 
 def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield what a patch of a Deployment requests that is not allowed."""
-    spec: Any = tree
-    for key in POD:
-        spec = mapping(spec).get(key)
-    for below, what in find_violations(mapping(spec)):
+    for below, what in find_violations(pod_of(tree)):
         yield refuse((*path, *POD, *below), what)
 
 

@@ -18,6 +18,7 @@ from rigel_k8s.objects.pods import (
     inpod_volume,
     service_account,
 )
+from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
 #: Where the gate's files are, so that Python finds `rigel_gate` from there.
@@ -59,11 +60,7 @@ def has_gate(options: OrchestrationOptions, distro: str) -> bool:
 
 def replaces_roscore(params: Mapping[str, Any]) -> bool:
     """Return whether the user sets what the master's container runs, and its port."""
-    place: Any = params
-    for key in ("spec", "template", "spec", "containers"):
-        place = place.get(key) if isinstance(place, Mapping) else None
-    found = place if isinstance(place, list) else []
-    return any({"command", "args", "ports"} & set(one) for one in found if isinstance(one, Mapping))
+    return any({"command", "args", "ports"} & set(one) for one in containers_of(params))
 
 
 def remedies_of(made: Iterable[Object]) -> dict[str, str]:

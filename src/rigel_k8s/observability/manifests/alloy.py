@@ -9,19 +9,20 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 
+from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.manifests.frame import (
     Object,
     container,
+    data_volume,
     http_probes,
     mount,
     rule,
 )
 from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
-from rigel_k8s.observability.manifests.relabelling import contract, select_releases
+from rigel_k8s.observability.manifests.relabelling import contract
 from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import LABELS
 from rigel_k8s.observability.options import Persistence
 
@@ -54,10 +55,12 @@ def alloy(stack: Stack) -> Iterator[Object]:
 
 def configuration(stack: Stack) -> str:
     """Return config.alloy: find pods, label them, read, join, level and send their lines."""
+    chosen = block("selectors", {"role": "pod", "label": RELEASE_LABEL})
+    selectors = [] if stack.collects_all else [chosen]
     return "\n\n".join(
         [
             block("logging", {"level": "warn"}),
-            block("discovery.kubernetes", {"role": "pod"}, "pods", _selectors(stack)),
+            block("discovery.kubernetes", {"role": "pod"}, "pods", selectors),
             block(
                 "discovery.relabel",
                 {"targets": Name("discovery.kubernetes.pods.targets")},
@@ -106,12 +109,6 @@ def render_literal(value: object) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(render_literal(item) for item in value) + "]"
     return json.dumps(value)
-
-
-def _selectors(stack: Stack) -> list[str]:
-    if stack.collects_all:
-        return []
-    return [block("selectors", {"role": "pod", "label": select_releases()})]
 
 
 def _stages() -> Iterator[str]:

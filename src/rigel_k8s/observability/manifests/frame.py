@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from typing import Any
 
 import attrs
+import yaml
 
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import labels, selector
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.observability.options import Part, Persistence
+from rigel_k8s.yaml_text import Loader
 
 Object = dict[str, Any]
 
@@ -220,6 +223,23 @@ def mount(name: str, path: str, *, read_only: bool = False) -> Object:
     """Return a volume's mount."""
     made: Object = {"name": name, "mountPath": path}
     return {**made, "readOnly": True} if read_only else made
+
+
+def data_volume(part: str, *, kept: bool) -> Object:
+    """Return a pod's volume `data`: the part's claim, or one that is deleted with the pod."""
+    if kept:
+        return {"name": "data", "persistentVolumeClaim": {"claimName": f"{part}-data"}}
+    return {"name": "data", "emptyDir": {}}
+
+
+def read_file(name: str) -> str:
+    """Return a configuration that is the same on all clusters, or its unchanging part."""
+    return (files(__package__) / "files" / name).read_text("utf-8")
+
+
+def load(name: str) -> Any:
+    """Return such a configuration as plain data of the caller's own."""
+    return yaml.load(read_file(name), Loader)
 
 
 def rule(group: str, kinds: Sequence[str], verbs: Sequence[str]) -> Object:

@@ -8,10 +8,17 @@ import yaml
 
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.dashboards import DIRECTORY, config_name, dashboards
-from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount
+from rigel_k8s.observability.manifests.frame import (
+    Object,
+    container,
+    data_volume,
+    http_probes,
+    load,
+    mount,
+    read_file,
+)
 from rigel_k8s.observability.manifests.images import GRAFANA_IMAGE
 from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import GRAFANA, GRAFANA_PORT
 
 #: The Secret with the administrator, and its keys.
@@ -46,9 +53,11 @@ SETTINGS = {
 def grafana(stack: Stack) -> Iterator[Object]:
     """Yield Grafana's objects, without its Secret."""
     frame, options = stack.frame, stack.options.grafana
-    config = frame.config_map(
-        GRAFANA, {"datasources.yaml": _datasources(stack), "dashboards.yaml": _provider()}, GRAFANA
-    )
+    texts = {
+        "datasources.yaml": _datasources(stack),
+        "dashboards.yaml": read_file("dashboards.yaml"),
+    }
+    config = frame.config_map(GRAFANA, texts, GRAFANA)
     yield frame.account(GRAFANA)
     yield config
     yield from dashboards(stack)
@@ -60,71 +69,21 @@ def grafana(stack: Stack) -> Iterator[Object]:
 
 
 def _datasources(stack: Stack) -> str:
-    """Return the datasources; dashboards and links name each by its UID."""
-    found = []
-    if stack.prometheus_url:
-        found.append(
-            {
-                "name": "Prometheus",
-                "uid": "prometheus",
-                "type": "prometheus",
-                "access": "proxy",
-                "url": stack.prometheus_url,
-                "isDefault": True,
-                "jsonData": {
-                    "httpMethod": "POST",
-                    "timeInterval": str(stack.options.prometheus.scrape_interval or "15s"),
-                },
-            }
-        )
-    if stack.loki_url:
-        found.append(_loki(stack))
-    return yaml.safe_dump({"apiVersion": 1, "datasources": found}, sort_keys=False)
-
-
-def _loki(stack: Stack) -> Object:
-    more: Object = {
-        "maxLines": 1000,
-        # From a ROS node in a log line to its part of the ROS graph.
-        "derivedFields": [
-            {
-                "name": "ROS graph",
-                "matcherType": "label",
-                "matcherRegex": "ros_node",
-                "url": "/d/rigel-ros-graph?var-ros_node=$${__value.raw}",
-                "urlDisplayLabel": "Its part of the ROS graph",
-            }
-        ],
-    }
-    made: Object = {
-        "name": "Loki",
-        "uid": "loki",
-        "type": "loki",
-        "access": "proxy",
-        "url": stack.loki_url,
-        "jsonData": more,
-    }
-    loki = stack.other_loki
-    if loki and loki.tenant:
-        more["httpHeaderName1"] = "X-Scope-OrgID"
-        made["secureJsonData"] = {"httpHeaderValue1": loki.tenant}
-    if loki and loki.secret:
-        made |= {"basicAuth": True, "basicAuthUser": "$LOKI_USER"}
-        made.setdefault("secureJsonData", {})["basicAuthPassword"] = "$LOKI_PASSWORD"
-    return made
-
-
-def _provider() -> str:
-    """Return where dashboards are: in files, which cannot be changed in Grafana."""
-    provider = {
-        "name": "rigel",
-        "folder": "ROS",
-        "type": "file",
-        "disableDeletion": True,
-        "allowUiUpdates": False,
-        "options": {"path": DIRECTORY},
-    }
-    return yaml.safe_dump({"apiVersion": 1, "providers": [provider]}, sort_keys=False)
+    """Return the datasources that have an address."""
+    known = load("datasources.yaml")
+    prometheus = known["prometheus"] | {"url": stack.prometheus_url}
+    interval = str(stack.options.prometheus.scrape_interval or "15s")
+    prometheus["jsonData"]["timeInterval"] = interval
+    loki = known["loki"] | {"url": stack.loki_url}
+    existing = stack.other_loki
+    if existing and existing.tenant:
+        loki["jsonData"]["httpHeaderName1"] = "X-Scope-OrgID"
+        loki["secureJsonData"] = {"httpHeaderValue1": existing.tenant}
+    if existing and existing.secret:
+        loki |= {"basicAuth": True, "basicAuthUser": "$LOKI_USER"}
+        loki.setdefault("secureJsonData", {})["basicAuthPassword"] = "$LOKI_PASSWORD"
+    sources = [source for source in (prometheus, loki) if source["url"]]
+    return yaml.safe_dump({"apiVersion": 1, "datasources": sources}, sort_keys=False)
 
 
 def _pod(stack: Stack) -> Object:

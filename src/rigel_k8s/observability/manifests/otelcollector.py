@@ -18,6 +18,7 @@ from rigel_k8s.observability.manifests.frame import (
     FOR_EVER,
     Object,
     container,
+    load,
     mount,
     rule,
 )
@@ -32,7 +33,7 @@ LOGS = "/var/log/pods"
 #: How far each file was read, kept on the machine: the next pod continues where this one stops.
 #: Machines may share a disk, so each has a directory of its own.
 POSITIONS = "/var/lib/rigel-otel-collector"
-NODE = "${env:NODE_NAME}"
+LOGIN = "basicauth/loki"
 DEFAULTS = {
     "requests": {"cpu": "25m", "memory": "64Mi"},
     "limits": {"memory": "256Mi"},
@@ -52,68 +53,35 @@ def otel_collector(stack: Stack) -> Iterator[Object]:
 
 
 def configuration(stack: Stack) -> str:
-    """Return collector.yaml.
-
-    No queue stands between files and Loki: while Loki does not answer, reading waits, and a
-    collector that ends meanwhile has lost nothing.
-    """
-    chosen = [] if stack.collects_all else ["filter/releases"]
-    made: Object = {
-        "extensions": {
-            "health_check": {"endpoint": f"0.0.0.0:{HEALTH_PORT}"},
-            "file_storage": {"directory": f"{POSITIONS}/{NODE}", "create_directory": True},
-            **_login(stack),
-        },
-        "receivers": {"file_log": _files()},
-        "processors": {
-            "memory_limiter": {"check_interval": "1s", "limit_percentage": 80},
-            "k8s_attributes": _metadata(stack),
-            **{name: {"error_mode": "ignore", **FOREIGN} for name in chosen},
-            "transform/labels": {"error_mode": "ignore", "log_statements": list(_statements())},
-        },
-        "exporters": {"otlp_http": _exporter(stack)},
-        "service": {
-            "extensions": ["health_check", "file_storage", *_login(stack)],
-            "telemetry": {
-                "logs": {"level": "warn", "disable_stacktrace": True},
-                "metrics": {"readers": [{"pull": {"exporter": {"prometheus": METRICS}}}]},
-            },
-            "pipelines": {
-                "logs": {
-                    "receivers": ["file_log"],
-                    "processors": ["memory_limiter", "k8s_attributes", *chosen, "transform/labels"],
-                    "exporters": ["otlp_http"],
-                }
-            },
-        },
+    """Return collector.yaml."""
+    made = load("collector.yaml")
+    made["receivers"]["file_log"]["operators"] = list(_operators())
+    processors, pipeline = made["processors"], made["service"]["pipelines"]["logs"]
+    processors["transform/labels"]["log_statements"] = list(_statements())
+    metadata = processors["k8s_attributes"]
+    metadata["extract"] |= {
+        "labels": [
+            {"tag_name": "application", "key": RELEASE_LABEL, "from": "pod"},
+            {"tag_name": "workload", "key": NAME_LABEL, "from": "pod"},
+        ],
+        "annotations": [{"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"}],
     }
+    if not stack.collects_all:
+        metadata["filter"]["labels"] = [{"key": RELEASE_LABEL, "op": "exists"}]
+        # Lines of pods that belong to no release.
+        foreign = ['resource.attributes["application"] == nil']
+        processors["filter/releases"] = {"error_mode": "ignore", "log_conditions": foreign}
+        pipeline["processors"].insert(-1, "filter/releases")
+    exporter, loki = made["exporters"]["otlp_http"], stack.other_loki
+    exporter["endpoint"] = f"{stack.loki_url}/otlp"
+    if loki and loki.tenant:
+        exporter["headers"] = {"X-Scope-OrgID": escape(loki.tenant)}
+    if loki and loki.secret:
+        account = {"username": "${env:LOKI_USER}", "password": "${env:LOKI_PASSWORD}"}
+        made["extensions"][LOGIN] = {"client_auth": account}
+        made["service"]["extensions"].append(LOGIN)
+        exporter["auth"] = {"authenticator": LOGIN}
     return yaml.safe_dump(made, sort_keys=False, width=100_000)
-
-
-#: Names as Prometheus' own clients have them.
-METRICS = {
-    "host": "0.0.0.0",
-    "port": METRICS_PORT,
-    "without_scope_info": True,
-    "without_type_suffix": True,
-    "without_units": True,
-}
-#: Lines of pods that belong to no release.
-FOREIGN = {"log_conditions": ['resource.attributes["application"] == nil']}
-
-
-def _files() -> Object:
-    return {
-        "include": [f"{LOGS}/*/*/*.log"],
-        "start_at": "beginning",
-        "include_file_path": True,
-        "include_file_name": False,
-        "poll_interval": "500ms",
-        "storage": "file_storage",
-        "retry_on_failure": {"enabled": True, "max_elapsed_time": "0s"},
-        "resource": {"node": NODE},
-        "operators": list(_operators()),
-    }
 
 
 def _operators() -> Iterator[Object]:
@@ -152,30 +120,6 @@ def escape(text: str) -> str:
     return text.replace("$", "$$")
 
 
-def _metadata(stack: Stack) -> Object:
-    """Return what is read of a line's pod, which is found by the UID in its file's path."""
-    chosen: Object = {"node_from_env_var": "NODE_NAME"}
-    if not stack.collects_all:
-        chosen["labels"] = [{"key": RELEASE_LABEL, "op": "exists"}]
-    return {
-        "filter": chosen,
-        "extract": {
-            "metadata": ["k8s.pod.uid"],
-            "labels": [
-                {"tag_name": "application", "key": RELEASE_LABEL, "from": "pod"},
-                {"tag_name": "workload", "key": NAME_LABEL, "from": "pod"},
-            ],
-            "annotations": [{"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"}],
-        },
-        "pod_association": [
-            {"sources": [{"from": "resource_attribute", "name": "k8s.pod.uid"}]},
-        ],
-        "wait_for_metadata": True,
-        "wait_for_metadata_timeout": "60s",
-        "watch_sync_period": "0s",
-    }
-
-
 def _statements() -> Iterator[str]:
     """Yield what leaves only the contract's labels, under their names."""
     for label in ("namespace", "pod", "container"):
@@ -184,35 +128,6 @@ def _statements() -> Iterator[str]:
     yield f"keep_keys(resource.attributes, {json.dumps([*LABELS, 'level'])})"
     yield "keep_keys(log.attributes, [])"
     yield "set(log.observed_time_unix_nano, 0)"
-
-
-def _exporter(stack: Stack) -> Object:
-    """Return where lines go; while it does not answer, they wait, and none is dropped."""
-    made: Object = {
-        "endpoint": f"{stack.loki_url}/otlp",
-        "sending_queue": {"enabled": False},
-        "retry_on_failure": {
-            "initial_interval": "500ms",
-            "max_interval": "5s",
-            "max_elapsed_time": "0s",
-        },
-    }
-    loki = stack.other_loki
-    if loki and loki.tenant:
-        made["headers"] = {"X-Scope-OrgID": escape(loki.tenant)}
-    if loki and loki.secret:
-        made["auth"] = {"authenticator": LOGIN}
-    return made
-
-
-LOGIN = "basicauth/loki"
-
-
-def _login(stack: Stack) -> Object:
-    if not (stack.other_loki and stack.other_loki.secret):
-        return {}
-    account = {"username": "${env:LOKI_USER}", "password": "${env:LOKI_PASSWORD}"}
-    return {LOGIN: {"client_auth": account}}
 
 
 def _pod(stack: Stack) -> Object:

@@ -8,6 +8,7 @@ from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.frame import (
     Object,
     container,
+    data_volume,
     http_probes,
     mount,
     rule,
@@ -15,7 +16,6 @@ from rigel_k8s.observability.manifests.frame import (
 from rigel_k8s.observability.manifests.images import PROMETHEUS_IMAGE
 from rigel_k8s.observability.manifests.scraping import configuration
 from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import PROMETHEUS, PROMETHEUS_PORT
 
 RETENTION = "15d"

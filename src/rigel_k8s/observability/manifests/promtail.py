@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.manifests.frame import (
     Object,
@@ -19,7 +20,7 @@ from rigel_k8s.observability.manifests.frame import (
     rule,
 )
 from rigel_k8s.observability.manifests.images import PROMTAIL_IMAGE
-from rigel_k8s.observability.manifests.relabelling import contract, log_path, select_releases
+from rigel_k8s.observability.manifests.relabelling import contract, rules
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
@@ -78,14 +79,13 @@ def _client(stack: Stack) -> Object:
 
 def _scrape(stack: Stack) -> Object:
     # Promtail itself adds the machine to the selector, by HOSTNAME, so it only sees its own pods.
-    selectors = [] if stack.collects_all else [{"role": "pod", "label": select_releases()}]
     found: Object = {"role": "pod"}
-    if selectors:
-        found["selectors"] = selectors
+    if not stack.collects_all:
+        found["selectors"] = [{"role": "pod", "label": RELEASE_LABEL}]
     return {
         "job_name": "pods",
         "kubernetes_sd_configs": [found],
-        "relabel_configs": [*contract(), *log_path(LOGS)],
+        "relabel_configs": [*contract(), *rules("log_path")],
         "pipeline_stages": list(_stages()),
     }
 

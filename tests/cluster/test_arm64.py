@@ -183,3 +183,12 @@ def test_the_exporter_measures_on_arm64(deployed: Mixed) -> None:
     talker = re.compile(r'^ros_node_up\{ros_node="/talker.*\} 1', re.M)
     what = "the exporter's metrics"
     until(lambda: talker.search(read()), what, PATIENCE, despite=(RigelK8sError, ValueError))
+
+
+def test_an_image_without_the_machines_platform_is_refused(mixed: Mixed) -> None:
+    """Before anything is changed, and with what the image runs on and what the machines are."""
+    mixed.write(f"{mixed.registry}/ros:noetic-amd64", namespace="wrong")
+    done = mixed.rigel("run", "job", "deploy", check=False)
+    assert done.returncode != 0
+    assert "runs on amd64, but the machines that may run it are arm64" in done.stderr
+    assert not mixed.cluster.get(ObjectRef("v1", "Namespace", "", "wrong"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,7 +78,9 @@ def change(name: str, machine: str, kubectl: str) -> None:
     run(["kill", old])
     until(lambda: find_containerd(directory) not in ("", old), "the emulated containerd")
     label = ["label", "node", machine, "kubernetes.io/arch=arm64", "--overwrite"]
-    run([kubectl, f"--context=rigel-{name}", *label])
+    for _ in range(20):  # a kubelet whose containerd was away registers again, as amd64
+        run([kubectl, f"--context=rigel-{name}", *label])
+        time.sleep(1)
 
 
 def find_containerd(directory: Path) -> str:

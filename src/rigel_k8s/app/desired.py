@@ -7,7 +7,12 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.app.application import application_deployment, application_identity, has_application
+from rigel_k8s.app.application import (
+    APP_CONTAINER,
+    application_options,
+    has_application,
+    replaces_container,
+)
 from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -162,8 +167,18 @@ class Parts:
         return self.context.ros.companions(self.options, self.context.distro)
 
     def nodes(self) -> Iterator[RosNode]:
-        """Yield the nodes."""
+        """Yield the nodes, src.plugin's one application first."""
         volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
+        if has_application(self.options):
+            yield RosNode(
+                str(self.options.deployment_name),
+                application_options(self.options),
+                self.context.ros,
+                str(self.options.application_image or self.context.default_image),
+                volumes=volumes,
+                container=None if replaces_container(self.options) else APP_CONTAINER,
+                is_application=True,
+            )
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
             ros = self.context.ros.of_node(node)
@@ -179,8 +194,6 @@ class Parts:
     def identities(self) -> Iterator[PodIdentity]:
         """Yield the identities of all workloads on the network."""
         yield from (companion.identity for companion in self.companions)
-        if has_application(self.options):
-            yield application_identity(self.context, self.options)
         yield from (node.identity for node in self.nodes())
 
     def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
@@ -221,13 +234,11 @@ def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced
     for companion in own.companions:
         wired = wire_pod(plan, companion.identity)
         yield from companion.objects(context, own.texts, wired, placement(options))
-    if has_application(options):
-        path = "application_image" if options.application_image else "additional_k8s_params"
-        wired = wire_pod(plan, application_identity(context, options))
-        yield (path,), application_deployment(context, options, wired, context.ros.probe(plan))
+    application = "application_image" if options.application_image else "additional_k8s_params"
     for node in own.nodes():
+        path = (application,) if node.is_application else ("nodes", node.key)
         for item in node_objects(context, node, plan):
-            yield ("nodes", node.key), item
+            yield path, item
     if own.exporter:
         for item in exporter_objects(context, own.exporter, graph_of(own, plan), plan):
             yield ("observability",), item

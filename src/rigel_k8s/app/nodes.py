@@ -64,6 +64,8 @@ class RosNode:
         image: its image, or the job's.
         files: the texts of its parameter files, by the names in `parameter_files`.
         volumes: the release's persistent volumes, by name.
+        container: the name of its container; None: it has only those of its patch.
+        is_application: it is src.plugin's one application, whose programs have names of their own.
     """
 
     key: str
@@ -72,11 +74,13 @@ class RosNode:
     image: str
     files: Mapping[str, str] = attrs.field(factory=dict)
     volumes: Mapping[str, Volume] = attrs.field(factory=dict)
+    container: str | None = NODE_CONTAINER
+    is_application: bool = False
 
     @property
     def name(self) -> str:
         """The Kubernetes name."""
-        return object_name(self.key)
+        return self.key if self.is_application else object_name(self.key)
 
     @property
     def pinned(self) -> bool:
@@ -86,7 +90,7 @@ class RosNode:
     @property
     def ros_name(self) -> str | None:
         """The full ROS name, None if it is generated at the start or there is no ROS."""
-        if self.options.anonymous or not self.ros.nodes:
+        if self.is_application or self.options.anonymous or not self.ros.nodes:
             return None
         return full_name(self.key, self.options)
 
@@ -141,7 +145,9 @@ def node_deployment(
     if way.script:
         command = wrap(command, way.script)
     command = put_start_before(command)
-    notes = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
+    notes = {} if node.is_application else {NODE_ANNOTATION: node.key}
+    notes |= {ROS_NAME_ANNOTATION: name} if name else {}
+    several = wired.init_containers or node.is_application
     if node.options.ros:
         notes[ROS_ANNOTATION] = node.options.ros
     made = deployment(
@@ -156,7 +162,7 @@ def node_deployment(
         pod_annotations={
             **notes,
             **parameters_hash(command),
-            **({DEFAULT_CONTAINER: NODE_CONTAINER} if wired.init_containers else {}),
+            **({DEFAULT_CONTAINER: node.container} if several and node.container else {}),
             **wired.annotations,
         },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
@@ -169,6 +175,8 @@ def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
     """Return how a node is updated."""
     options = node.options
     obstacle = node.ros.find_obstacle(options, node.volumes, plan.options, plan.middleware)
+    if node.container is None:
+        obstacle = "its containers are the user's own"
     anonymous = options.anonymous
     return choose_way(
         around, node.name, node.ros_name, options.update, obstacle, anonymous=anonymous
@@ -194,13 +202,15 @@ def pod_spec(
 ) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
     options = node.options
+    pairs = [*ros_volumes(around), *parameter_volume(node, command)]
     volumes, seen = mounts(options, node.volumes)
-    for volume, mount in (*ros_volumes(around), *parameter_volume(node, command)):
-        volumes.append(volume)
-        seen.append(mount)
+    volumes = [*(volume for volume, _ in pairs), *volumes]
+    seen = [*(mount for _, mount in pairs), *seen, *wired.mounts]
     made = {
-        "initContainers": list(wired.init_containers),
-        "containers": [container(around, node, command, plan, wired, way, [*seen, *wired.mounts])],
+        "initContainers": list(wired.init_containers) if node.container else [],
+        "containers": [container(around, node, command, plan, wired, way, seen)]
+        if node.container
+        else [],
         "volumes": [*volumes, *wired.volumes],
         "nodeSelector": options.placement.node_selector,
         "affinity": affinity(options.placement),
@@ -230,7 +240,7 @@ def container(
     )
     return drop_empty(
         {
-            "name": NODE_CONTAINER,
+            "name": node.container,
             "image": node.image,
             "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
             "command": command.command and list(command.command),

@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.raw import list_mappings, mapping, pod_of
 from rigel_k8s.objects.scalars import Share
@@ -154,21 +154,6 @@ def find_exclusive(volumes: Iterable[Volume]) -> str | None:
         if volume.access_mode in EXCLUSIVE:
             return f"its volume {volume.name} is {volume.access_mode}"
     return None
-
-
-def find_application_obstacle(
-    readiness: Readiness | str | None,
-    volumes: Sequence[Volume],
-    params: Mapping[str, Any],
-    *,
-    own_master: bool,
-) -> str | None:
-    """Return why two pods of src.plugin's one application cannot run side by side."""
-    if readiness not in (None, "ros"):
-        return "it has a readiness check of its own"
-    if own_master:
-        return "it has a ROS_MASTER_URI of its own"
-    return find_exclusive(volumes) or find_patched(params)
 
 
 def find_patched(patch: Mapping[str, Any]) -> str | None:

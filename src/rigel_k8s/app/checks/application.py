@@ -15,6 +15,7 @@ import attrs
 
 from rigel_k8s.app.application import (
     APP_CONTAINER,
+    application_options,
     has_application,
     replaces_container,
 )
@@ -28,7 +29,6 @@ from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
-    find_application_obstacle,
     is_rolling,
     requests_hand_over,
     share,
@@ -173,12 +173,8 @@ def check_hand_over(
         for problem in check_way(node.update, own, refusal or obstacle):
             yield problem.under(("nodes", str(key), "update"))
     refusal = ros.refuse_hand_over(options, distro)
-    obstacle = find_application_obstacle(
-        options.readiness,
-        options.persistent_storage.volumes,
-        options.additional_k8s_params.application,
-        own_master=options.network is not None and options.network.ipam == "static",
-    )
+    application = application_options(options)
+    obstacle = ros.find_obstacle(application, volumes, options.network, options.middleware)
     if not ros.hands_over:
         obstacle = f"in {ros.title} it needs another command line: make it one of `nodes`"
     for problem in check_way(options.rolling_update, ros, refusal or obstacle):

@@ -26,6 +26,29 @@ ROS1 = Scene(
     ),
 )
 
+CLUSTER = Scene(
+    "What rigel puts on a cluster, and what it does not",
+    860,
+    350,
+    (
+        Box(10, 20, 150, 64, "Rigelfile", ("on your computer",)),
+        Box(10, 130, 150, 64, "rigel", ("runs, and ends",)),
+        Arrow((85, 84), (85, 130)),
+        Frame(230, 10, 620, 265, "one namespace of your cluster"),
+        Arrow((160, 162), (230, 162), "API", (195, 152)),
+        Box(250, 50, 180, 64, "your nodes", ("a Deployment each,", "from your images")),
+        Box(450, 50, 180, 64, "ros-master", ("ROS 1: roscore and", "a gate before it")),
+        Box(650, 50, 180, 64, "Services, servers", ("ROS 2, where the network", "mode needs them")),
+        Box(250, 150, 180, 64, "ConfigMaps", ("scripts and", "parameters of nodes")),
+        Box(450, 150, 180, 64, "Secrets", ("one for each revision,", "to roll back to")),
+        Box(650, 150, 180, 64, "claims", ("only if the Rigelfile", "has volumes")),
+        Arrow((340, 150), (340, 114)),
+        Box(250, 230, 580, 34, "no server part, no database, no custom resource", (), "good"),
+        Box(10, 295, 410, 40, "rigel down: all of it ends, data stays", (), "note"),
+        Box(440, 295, 410, 40, "rigel down --volumes: data ends, too", (), "note"),
+    ),
+)
+
 NETWORKS = Scene(
     "How discovery reaches another machine, by network mode",
     860,
@@ -110,6 +133,7 @@ HAND_OVER_ROS2 = Sequence(
 
 #: By the name of the file in docs/pictures/.
 PICTURES: dict[str, Scene | Sequence] = {
+    "cluster": CLUSTER,
     "deploy": DEPLOY,
     "hand-over-ros1": HAND_OVER_ROS1,
     "hand-over-ros2": HAND_OVER_ROS2,

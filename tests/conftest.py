@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,7 +37,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if not is_worker(config):
-        shared.begin()
+        shared.begin(clusters=may_use_clusters(config))
+
+
+def may_use_clusters(config: pytest.Config) -> bool:
+    """Return whether the run may have tests on a cluster, as far as its arguments show it."""
+    unit = [Path(argument).parts[:2] == ("tests", "unit") for argument in config.args]
+    return "not cluster" not in config.option.markexpr and not all(unit)
 
 
 def is_worker(config: pytest.Config) -> bool:

@@ -38,13 +38,13 @@ BUILDS = 3600
 _held: list[IO[str]] = []
 
 
-def begin() -> None:
+def begin(*, clusters: bool) -> None:
     """Make the run's directory, in the process that the user started.
 
     The tests have a kubeconfig of their own in it, as `cluster up` changes the current context.
-    Of two runs on one machine the first has the cluster.
+    Of two runs on one machine that may use clusters the first has the cluster.
     """
-    os.environ[ALONE] = str(int(lock()))
+    os.environ[ALONE] = str(int(clusters and lock()))
     os.environ[RUN] = tempfile.mkdtemp(prefix="rigel-test-")
     needed = [*components.GO_BUILDS, *chain.from_iterable(components.ON_REQUEST.values())]
     upstream = Upstream.of(None)

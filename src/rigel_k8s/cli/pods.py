@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,13 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
 
 LEVELS = ("debug", "info", "warn", "error", "fatal")
+#: What a line could do to a terminal beside its colors: set the title, move the cursor, overwrite.
+CONTROLS = re.compile(
+    r"\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)?"  # operating system commands
+    r"|\x1b\[[0-?]*[ -/]*[@-ln-~]"  # control sequences except those of colors, which end with m
+    r"|\x1b(?!\[)."
+    r"|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]"
+)
 
 
 @click.command()
@@ -65,9 +73,9 @@ def logs(
 ) -> None:
     """Print the logs of ROS nodes; of all nodes if you name none.
 
-    Lines of one node are printed unchanged, those of several with the node's name before them.
-    With --since or --level they come by time, also those of deleted pods, from the
-    observability stack's Loki; without Loki, from the API server.
+    Lines come by time, those of several nodes with the node's name before them. With --since or
+    --level they come from the observability stack's Loki if it is installed, also those of deleted
+    pods, without those of the last seconds.
     """
     from rigel_k8s.commands.logs.lines import LogOptions
     from rigel_k8s.commands.logs.read import logs as lines_of
@@ -77,9 +85,7 @@ def logs(
         since=None if since is None else max(1, round(since)),
         tail=tail,
         previous=previous,
-        timestamps=timestamps,
         level=level,
-        parsed=output == "json",
     )
     styles: dict[str, dict[str, Any]] = {}
     for line in lines_of(settings(ctx), nodes, options, job):
@@ -96,7 +102,8 @@ def text_of(line: LogLine, *, timestamps: bool) -> str:
     """Return a line as text."""
     from rigel_k8s.commands.logs.lines import stamp
 
-    return f"{stamp(line.time)} {line.text}" if timestamps and line.time else line.text
+    text = CONTROLS.sub("", line.text)
+    return f"{stamp(line.time)} {text}" if timestamps and line.time else text
 
 
 def line_json(line: LogLine) -> dict[str, str | None]:

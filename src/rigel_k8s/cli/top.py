@@ -16,7 +16,6 @@ from rigel_k8s.cli.words import (
     release_option,
     settings,
 )
-from rigel_k8s.cli.words import is_quiet as is_quiet
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.top import Top, Topics, TopicUsage, UsageRow
@@ -48,9 +47,9 @@ def top(
 ) -> None:
     """Show what ROS nodes use and do; all nodes if you name none.
 
-    CPU and memory come from the observability stack's Prometheus, without it from the
-    metrics-server, else from the kubelets. The ROS exporter of an application adds UP, and for
-    ROS 1 OUT and IN in messages per second.
+    CPU and memory come from the metrics-server, else from the kubelets. With the observability
+    stack, the ROS exporter of an application adds UP, and for ROS 1 OUT and IN in messages per
+    second.
     """
     from rigel_k8s.commands import top as actions
 
@@ -58,8 +57,6 @@ def top(
         show_topics(actions.topics(settings(ctx), nodes, job), output)
         return
     found = actions.top(settings(ctx), nodes, job)
-    if found.reasons and not is_quiet(ctx):
-        click.echo(f"from the {found.source}: {'; '.join(found.reasons)}", err=True)
     show(found, output)
 
 

@@ -68,12 +68,11 @@ class UsageRow:
 
 @attrs.frozen
 class Top:
-    """Rows, and their source: prometheus, metrics-server or kubelet; and why not an earlier one."""
+    """Rows, and the source of CPU and memory: metrics-server or kubelet."""
 
     release: ReleaseId
     rows: tuple[UsageRow, ...]
     source: str
-    reasons: tuple[str, ...]
 
 
 @attrs.frozen
@@ -117,14 +116,13 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
     found = release(settings, job)
     with found.cluster as cluster:
         pods = choose_running_pods(found, nodes)
+        usage = measure_usage(cluster, pods)
         try:
-            prometheus: PrometheusClient | NoStack | ClusterError = prometheus_of(found)
-        except (NoStack, ClusterError) as error:
-            prometheus = error
-        usage = measure_usage(cluster, pods, prometheus)
-        ros = ros_of(found, prometheus) if isinstance(prometheus, PrometheusClient) else Ros()
+            ros = ros_of(found, prometheus_of(found))
+        except (NoStack, ClusterError):
+            ros = Ros()
     rows = tuple(row_of(pod, usage.by_pod.get(pod.name), ros) for pod in pods)
-    return Top(found.id, rows, usage.source, usage.reasons)
+    return Top(found.id, rows, usage.source)
 
 
 def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Topics:
@@ -178,13 +176,13 @@ class Ros:
 
 
 def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
-    """Return Prometheus' data of a release's ROS nodes; empty without an exporter."""
+    """Return Prometheus' data of a release's ROS nodes; empty without an exporter.
+
+    Raises:
+        ClusterError: Prometheus does not answer.
+    """
     own = select_series(found.id)
-    queries = [UP.format(own), FLOW.format(own)]
-    try:
-        up, flow = found.cluster.parallel(prometheus.query, queries)
-    except ClusterError:
-        return Ros()
+    up, flow = found.cluster.parallel(prometheus.query, [UP.format(own), FLOW.format(own)])
 
     def flows(direction: str) -> dict[str, float]:
         return index_by(

@@ -1,12 +1,9 @@
-"""CPU and memory of pods: from Prometheus, from metrics.k8s.io, or from the machines' kubelets.
-
-The later ones have only current values, and fewer; without the right to one, the next is used.
-"""
+"""CPU and memory of pods: from metrics.k8s.io, or else from the machines' kubelets."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -16,19 +13,9 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.quantities import parse_quantity
-from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
-from rigel_k8s.observability.reading.stack import NoStack, explain
+from rigel_k8s.observability.reading.stack import explain
 
 METRICS = "metrics.k8s.io/v1beta1"
-#: The last two samples of each container, independent of the scrape interval.
-CPU = (
-    "sum by (pod) (max by (pod, container)"
-    ' (irate(container_cpu_usage_seconds_total{{{0},container!="",container!="POD"}}[5m])))'
-)
-MEMORY = (
-    "sum by (pod) (max by (pod, container)"
-    ' (container_memory_working_set_bytes{{{0},container!="",container!="POD"}}))'
-)
 
 
 @attrs.frozen
@@ -41,34 +28,19 @@ class Usage:
 
 @attrs.frozen
 class Used:
-    """What pods use.
-
-    Attributes:
-        source: prometheus, metrics-server or kubelet.
-        reasons: why earlier sources were not used.
-    """
+    """What pods use, and its source: metrics-server or kubelet."""
 
     by_pod: Mapping[str, Usage]
     source: str
-    reasons: tuple[str, ...]
 
 
-def measure_usage(
-    cluster: Cluster, pods: Sequence[Pod], prometheus: PrometheusClient | NoStack | ClusterError
-) -> Used:
-    """Return what pods of one namespace use, from the first source that has it.
+def measure_usage(cluster: Cluster, pods: Sequence[Pod]) -> Used:
+    """Return what pods of one namespace use.
 
     Raises:
-        ClusterError: no source has it; with all reasons.
+        ClusterError: neither source has it; with both reasons.
     """
-
-    def try_prometheus() -> Mapping[str, Usage]:
-        if not isinstance(prometheus, PrometheusClient):
-            raise prometheus
-        return ask_prometheus(cluster, prometheus, pods[0].namespace)
-
     ways: dict[str, tuple[str, Callable[[], Mapping[str, Usage]]]] = {
-        "prometheus": ("Prometheus", try_prometheus),
         "metrics-server": (
             "metrics.k8s.io",
             lambda: ask_metrics_server(cluster, pods[0].namespace),
@@ -79,40 +51,18 @@ def measure_usage(
     for source, (name, ask) in ways.items():
         try:
             found = ask()
-        except (NoStack, ClusterError) as error:
-            reasons.append(explain_refusal(name, error))
+        except ClusterError as error:
+            forbidden = isinstance(error, Forbidden)
+            reasons.append(f"you may not ask {name}" if forbidden else explain(name, error))
             continue
         if any(pod.name in found for pod in pods):
-            return Used(found, source, tuple(reasons))
+            return Used(found, source)
         reasons.append(f"{name} has none of these pods")
     raise ClusterError(
         "no source has the usage of these pods",
         details=reasons,
-        hint="set `observability: {enabled: true}`, install a metrics-server, or request the"
-        " right nodes/proxy",
+        hint="install a metrics-server, or request the right nodes/proxy",
     )
-
-
-def explain_refusal(name: str, error: NoStack | ClusterError) -> str:
-    """Return why a source was not used."""
-    if isinstance(error, Forbidden) and name != "Prometheus":
-        return f"you may not ask {name}"
-    return explain(name, error)
-
-
-def ask_prometheus(
-    cluster: Cluster, prometheus: PrometheusClient, namespace: str
-) -> Mapping[str, Usage]:
-    """Return what Prometheus has from the kubelets' cAdvisors."""
-    own = matchers(namespace=namespace)
-    queries = [CPU.format(own), MEMORY.format(own)]
-    cpu, memory = (index_by_pod(found) for found in cluster.parallel(prometheus.query, queries))
-    return {pod: Usage(cpu[pod], memory[pod]) for pod in cpu if pod in memory}
-
-
-def index_by_pod(samples: Iterable[Sample]) -> dict[str, float]:
-    """Return the values by pod."""
-    return {sample.labels.get("pod", ""): sample.value for sample in samples}
 
 
 def ask_metrics_server(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:

@@ -151,7 +151,7 @@ def read_log(found: Release) -> Read:
     """Return what follows a release's logs."""
 
     def read(node: str, cancel: threading.Event) -> Iterator[LogLine]:
-        options = LogOptions(follow=True, tail=KEPT - 1, parsed=True)
+        options = LogOptions(follow=True, tail=KEPT - 1)
         return itertools.takewhile(
             lambda _: not cancel.is_set(), history(found, [node], options, cancel)
         )

@@ -123,13 +123,21 @@ def test_logs(record: Any) -> None:
     done = call(
         "logs", "-f", "-p", "--since", "5m", "--tail", "3", "--timestamps", "talker", "listener"
     )
-    options = log_lines.LogOptions(follow=True, since=300, tail=3, previous=True, timestamps=True)
+    options = log_lines.LogOptions(follow=True, since=300, tail=3, previous=True)
     assert action.args == (SETTINGS, ("talker", "listener"), options, None)
     assert done.stdout == "[talker] hello\n"
     assert done.stderr == "[listener] no log yet\n"
     assert call("logs", "talker").stdout == "hello\n"
     call("logs", "--job", "second")
     assert action.args[3] == "second"
+
+
+def test_a_line_does_nothing_to_the_terminal_but_color_it(record: Any) -> None:
+    """roscore's first line sets the terminal's title."""
+    text = "\x1b]2;roscore\x07\x1b[33m[WARN] late\x1b[0m\x1b[2J\x1b]0;x\x1b\\ \x9b2J\r\x1bc!"
+    record(logs, "logs", [log_lines.LogLine("talker", "talker-1", text)])
+    done = CliRunner().invoke(cli, ["logs", "talker"], color=True)
+    assert done.stdout == "\x1b[33m[WARN] late\x1b[0m 2J!\n"
 
 
 def test_exec(record: Any) -> None:

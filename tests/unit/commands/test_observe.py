@@ -90,7 +90,7 @@ def test_why_a_part_is_not_asked_is_told_in_few_words(status: int, words: str) -
 
 def test_only_what_asks_for_the_past_asks_for_a_stack() -> None:
     """A plain `rigel logs` stays as quick as it was; the life before is the API server's alone."""
-    assert not LogOptions(follow=True, tail=5, timestamps=True).of_the_past
+    assert not LogOptions(follow=True, tail=5).of_the_past
     assert not LogOptions(since=60, previous=True).of_the_past
     assert LogOptions(since=60).of_the_past
     assert LogOptions(level="warn").of_the_past

@@ -121,7 +121,7 @@ def test_one_log_that_is_not_there_is_no_end(
     def read(self: Any, namespace: str, pod: str, *_: Any, **__: Any) -> Iterator[str]:
         if "broken" in pod:
             raise ClusterError("no log yet")
-        return iter(["hello"])
+        return iter(["2026-01-01T00:00:01Z hello"])
 
     monkeypatch.setattr(FakeCluster, "logs", read)
     found = list(logs.logs(Settings(), [], LogOptions()))
@@ -135,19 +135,39 @@ def test_a_pod_that_comes_later_is_followed_from_its_beginning(
 ) -> None:
     """What `--tail` leaves out is what was said before we looked."""
     deploy(desired(workload()), fake, report=report)
-    tails: list[int | None] = []
+    reads: list[int | None] = []
 
-    def read(self: Any, *_: Any, tail: int | None, **__: Any) -> Iterator[str]:
-        tails.append(tail)
-        return iter(["hello"])
+    def read(self: Any, *_: Any, follow: bool, tail: int | None = None, **__: Any) -> Iterator[str]:
+        reads.append(tail)
+        early = [] if tail else ["2026-01-01T00:00:01.5Z early"]
+        return iter([*early, "2026-01-01T00:00:02Z hello"])
 
     monkeypatch.setattr(FakeCluster, "logs", read)
     following = logs.logs(Settings(), [], LogOptions(follow=True, tail=1))
     first = next(following)
+    assert first.text == "hello"
     fake.delete(ref("Pod", first.pod))
-    assert next(following).pod != first.pod
+    later = next(following)
+    assert (later.pod != first.pod, later.text) == (True, "early")
     following.close()  # type: ignore[attr-defined]
-    assert tails == [1, None]
+    assert reads == [1, None, None]
+
+
+def test_lines_of_all_nodes_come_by_time(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not node after node; without a stack, levels and times are those of existing containers."""
+    deploy(desired(workload("talker"), workload("listener")), fake, report=report)
+
+    def read(self: Any, namespace: str, pod: str, *_: Any, **__: Any) -> Iterator[str]:
+        start = 1 if "talker" in pod else 2
+        return iter(f"2026-01-01T00:00:0{n}Z [WARN] [1.2]: {n}" for n in range(start, 7, 2))
+
+    monkeypatch.setattr(FakeCluster, "logs", read)
+    for options in (LogOptions(), LogOptions(level="warn"), LogOptions(since=60)):
+        found = list(logs.logs(Settings(), [], options))
+        assert [line.text[-1] for line in found] == ["1", "2", "3", "4", "5", "6"], found
+        assert not any(line.note for line in found), "nothing is wrong without a stack"
 
 
 RIGELFILE = """
@@ -204,7 +224,7 @@ def test_logs_of_a_level_are_of_that_level_and_above(
     """What a pod itself says is filtered too, not only what is stored."""
     deploy(desired(workload()), fake, report=report)
     monkeypatch.setattr(FakeCluster, "logs", lambda *_, **__: iter(LINES))
-    found = logs.logs(Settings(), [], LogOptions(level=level, parsed=True))
+    found = logs.logs(Settings(), [], LogOptions(level=level))
     assert [line.text.rpartition(": ")[2] for line in found if not line.note] == said
 
 

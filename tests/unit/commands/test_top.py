@@ -93,7 +93,7 @@ def test_columns_that_nobody_tells_are_left_out(
 ) -> None:
     """ROS 2's nodes count no messages, and without an exporter nobody knows who is up."""
     row = row_of(pod("talker", "/talker"), None, told)
-    show(Top(ReleaseId("lab", "demo"), (row,), "prometheus", ()), "table")
+    show(Top(ReleaseId("lab", "demo"), (row,), "kubelet"), "table")
     shown = capsys.readouterr().out.splitlines()[0].split()
     assert shown == ["NODE", "ROS", "NAME", *heads.split(), "RESTARTS", "POD", "ON"]
 

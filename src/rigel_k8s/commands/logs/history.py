@@ -1,9 +1,7 @@
-"""Past log lines by time: from Loki if it is installed, and what it does not have yet.
+"""logs: of some or all ROS nodes, by time, followed through restarts and roll-outs.
 
-Loki has the lines of deleted pods. The API server has the last seconds, which the collector has not
-delivered yet: it is asked for each pod's lines from shortly before Loki's last one, however long
-ago that was, and lines in both are printed once. So lines are missing only if a container was
-deleted before the collector read it.
+Lines come from the API server. Where the past is requested (`since`, `level`) they come from Loki
+instead, if it is installed: it has the lines of deleted pods, but not those of the last seconds.
 """
 
 from __future__ import annotations
@@ -24,7 +22,6 @@ from rigel_k8s.commands.logs.lines import (
     SECOND,
     LogLine,
     LogOptions,
-    merge_lines,
     sort_lines,
     split_stamp,
     stamp,
@@ -38,7 +35,6 @@ from rigel_k8s.observability.names import LOKI
 from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
 
 HOUR = 3600  # seconds: how far `level` looks back by default
-BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that arrives afterwards
 
 
 def history(
@@ -57,11 +53,13 @@ def history(
     if options.of_the_past and options.since is None:
         options = attrs.evolve(options, since=HOUR)
     stored = None
-    if options.of_the_past:
+    if options.of_the_past and not options.follow:
         try:
             part = part_of(found.cluster, LOKI, found.observability)
             stored = read_stored(part, found.id, options.since or HOUR)
-        except (NoStack, ClusterError) as error:
+        except NoStack:
+            pass
+        except ClusterError as error:
             text = f"{explain('Loki', error)}: these are only the lines of existing containers"
             yield LogLine("", "", text, note=True)
     past = Past(found, nodes, options, stored)
@@ -88,31 +86,22 @@ class Past:
 
     def lines(self) -> Iterator[LogLine]:
         """Yield the existing lines."""
-        if self._stored is None:
-            yield from self._tail(self._read_fresh())
-            return
-        names = [pod.name for pod in self._pods]
-        ends = self._found.cluster.parallel(self._stored.end, names)
-        for name, end in zip(names, ends, strict=True):
-            self._edges[name].since = None if end is None else end - BEHIND
-        stored = self._stored.lines(self._asked, self._levels, self._options.tail)
-        yield from self._tail(merge_lines(stored, self._read_fresh()))
+        if self._stored is not None:
+            yield from self._stored.lines(self._asked, self._levels, self._options.tail)
+        else:
+            yield from self._tail(heapq.merge(*map(self._read, self._pods), key=time_of))
 
     def follow(self, cancel: threading.Event | None = None) -> Iterator[LogLine]:
         """Yield new lines, each once."""
         workloads = self._asked.workloads | {pod.workload for pod in self._pods}
         return Follow(self._found, workloads, self._pods, self._go_on, cancel).lines()
 
-    def _read_fresh(self) -> Iterator[LogLine]:
-        """Yield the lines of the API server, by time; of each pod from where Loki ends."""
-        return heapq.merge(*map(self._read, self._pods), key=time_of)
-
     def _read(self, pod: Pod) -> Iterator[LogLine]:
         """Yield a pod's lines, or the reason why they cannot be read."""
         try:
             yield from sort_lines(self._read_new(pod, follow=False))
         except ClusterError as error:
-            if len(self._pods) == 1 and self._stored is None:
+            if len(self._pods) == 1:
                 raise
             yield LogLine(pod.workload, pod.name, error.message, note=True)
 
@@ -153,18 +142,23 @@ class Past:
             if moment is None:  # a message of the kubelet about the log
                 yield LogLine(pod.workload, pod.name, text, note=True)
                 continue
+            if not follow:
+                edge.first = min(moment, edge.first or moment)
+            elif moment < edge.first:  # `tail` left it out
+                continue
             level = edge.reader.level(words)
             if edge.is_new(moment, words) and (not self._levels or level in self._levels):
                 yield line_of(pod, words, moment, level)
 
     def _choose_start(self, edge: Edge) -> dict[str, Any]:
-        """Return the start time for the API server."""
+        """Return where the API server begins; of a level, the last lines are counted here."""
         if edge.since is not None:
             return {"since_time": f"{stamp(edge.since)[:19]}Z"} if edge.since else {}
-        if self._options.since is None:
-            return {}
-        passed = (time.time_ns() - self._begun) // SECOND
-        return {"since_seconds": self._options.since + passed}
+        start: dict[str, Any] = {} if self._levels else {"tail": self._options.tail}
+        if self._options.since is not None:
+            passed = (time.time_ns() - self._begun) // SECOND
+            start["since_seconds"] = self._options.since + passed
+        return start
 
 
 @attrs.define
@@ -173,11 +167,13 @@ class Edge:
 
     Attributes:
         since: the time to continue from, None if unknown, 0 for its beginning.
+        first: the time of the earliest line that was read; 0 if there was none.
         known: the lines that were read from then on.
         reader: has the level that the next line may continue.
     """
 
     since: int | None = None
+    first: int = 0
     known: set[tuple[int, str]] = attrs.field(factory=set)
     reader: LevelReader = attrs.field(factory=LevelReader)
 

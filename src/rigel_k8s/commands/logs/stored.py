@@ -66,11 +66,6 @@ class Stored:
         }
         return Asked(frozenset(found)) if found else None
 
-    def end(self, pod: str) -> int | None:
-        """Return the time of Loki's last line of a pod, None if it has none."""
-        last = self._loki.read_last(selector(**self._own, pod=pod), self._begin, self._end, 1)
-        return last[-1].time if last else None
-
     def lines(self, asked: Asked, levels: Collection[str], tail: int | None) -> Iterator[LogLine]:
         """Yield lines by time.
 
@@ -102,7 +97,7 @@ class Stored:
 def lines_of(entry: Entry) -> Iterator[LogLine]:
     """Yield an entry's lines."""
     labels = entry.labels
-    for part, text in enumerate(entry.text.split("\n")):
+    for text in entry.text.split("\n"):
         yield LogLine(
             labels.get("workload", ""),
             labels.get("pod", ""),
@@ -111,5 +106,4 @@ def lines_of(entry: Entry) -> Iterator[LogLine]:
             level=labels.get("level", ""),
             ros_node=labels.get("ros_node", ""),
             node=labels.get("node", ""),
-            part=part,
         )

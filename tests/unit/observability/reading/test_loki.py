@@ -68,11 +68,11 @@ def test_entries_of_several_streams_come_by_time() -> None:
 
 
 def test_an_entry_of_several_lines_is_several_lines() -> None:
-    """All with its time and level; the last knows which line of it it is."""
+    """All with its time and level."""
     lines = list(stored(Answers()).lines(Asked(frozenset({"talker"})), frozenset(), None))
     last = lines[-1]
     assert [line.text for line in lines[-4:]] == TRACEBACK.split("\n")
-    assert (last.part, last.level, last.ros_node, last.node) == (3, "error", "/talker", "node2")
+    assert (last.level, last.ros_node, last.node) == ("error", "/talker", "node2")
     assert {line.time for line in lines[-4:]} == {1795266201185224763}
 
 

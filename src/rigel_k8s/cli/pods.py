@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
 
 LEVELS = ("debug", "info", "warn", "error", "fatal")
+FOLLOWED = 10  # old lines of each pod before the new ones
 #: What a line could do to a terminal beside its colors: set the title, move the cursor, overwrite.
 CONTROLS = re.compile(
     r"\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)?"  # operating system commands
@@ -40,7 +41,11 @@ CONTROLS = re.compile(
     type=click.Choice(LEVELS, case_sensitive=False),
     help="Print lines of this level and above; implies --since 1h.",
 )
-@click.option("--tail", type=click.IntRange(min=0), help="Print this many last lines of each pod.")
+@click.option(
+    "--tail",
+    type=click.IntRange(min=0),
+    help="Print this many last lines of each pod; with -f alone, 10.",
+)
 @click.option(
     "-p",
     "--previous",
@@ -80,6 +85,8 @@ def logs(
     from rigel_k8s.commands.logs.lines import LogOptions
     from rigel_k8s.commands.logs.read import logs as lines_of
 
+    if follow and (since, level, tail) == (None, None, None):
+        tail = FOLLOWED
     options = LogOptions(
         follow=follow,
         since=None if since is None else max(1, round(since)),

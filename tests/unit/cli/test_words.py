@@ -132,6 +132,22 @@ def test_logs(record: Any) -> None:
     assert action.args[3] == "second"
 
 
+@pytest.mark.parametrize(
+    ("words", "tail"),
+    [
+        ("-f", 10),
+        ("", None),
+        ("-f --tail 0", 0),
+        ("-f --since 1h", None),
+        ("-f --level warn", None),
+    ],
+)
+def test_a_follow_begins_with_the_last_lines(record: Any, words: str, tail: int | None) -> None:
+    action = record(logs, "logs", [])
+    call("logs", *words.split())
+    assert action.args[2].tail == tail
+
+
 def test_a_line_does_nothing_to_the_terminal_but_color_it(record: Any) -> None:
     """roscore's first line sets the terminal's title."""
     text = "\x1b]2;roscore\x07\x1b[33m[WARN] late\x1b[0m\x1b[2J\x1b]0;x\x1b\\ \x9b2J\r\x1bc!"

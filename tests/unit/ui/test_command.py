@@ -196,9 +196,3 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
         done = run(tmp_path, "pass", "demo", "--no-browser", "--port", str(port))
     assert done.returncode == 2
     assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in done.stderr
-
-
-def test_without_a_release_it_says_how_to_name_one(tmp_path: Path) -> None:
-    done = run(tmp_path, "pass", "--no-browser")
-    assert done.returncode == 2
-    assert "no release is named" in done.stderr

@@ -122,7 +122,8 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     error.status, error.reason = status, str(answer.get("reason") or "")
     error.causes = tuple(causes(answer))
     if isinstance(error, Forbidden):
-        error.ground = find_ground(message)
+        grounds = (ground for ground, words in GROUNDS if re.search(words, message))
+        error.ground = next(grounds, "other")
     if isinstance(error, Conflict):
         error.fields = tuple(
             FieldConflict(cause.message.removeprefix(CONFLICT).partition('"')[0], cause.field)
@@ -138,11 +139,6 @@ def is_of_kubernetes(body: bytes) -> bool:
         return isinstance(parse(body), dict)
     except ValueError:
         return body.strip() == NO_PATH
-
-
-def find_ground(message: str) -> Ground:
-    """Return what a message of status 403 is about."""
-    return next((ground for ground, words in GROUNDS if re.search(words, message)), "other")
 
 
 def kubernetes_status(body: bytes) -> Mapping[str, Any]:

@@ -59,26 +59,19 @@ def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
         start = {**look, "timeoutSeconds": PROBE_TIMEOUT}
         check = script("ready.sh", *asked)
     else:
-        check = {"exec": {"command": own_command(own)}}
+        file = ["test", "-e", str(own.file)]
+        check = {"exec": {"command": file if own.command is None else split_words(own.command)}}
         start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or PROBE_TIMEOUT)}
     start |= {"periodSeconds": 1, "failureThreshold": FOR_EVER}
     if own.initial_delay_seconds:
         start["initialDelaySeconds"] = int(own.initial_delay_seconds)
-    return {"startupProbe": start, "readinessProbe": {**check, **timing(own)}}
-
-
-def own_command(own: Readiness) -> list[str]:
-    """Return the user's own check."""
-    return split_words(own.command) if own.command is not None else ["test", "-e", str(own.file)]
-
-
-def timing(own: Readiness) -> Object:
-    """Return the readiness probe's numbers: unready within 30 s, one process start in 10 s."""
-    return {
+    # Unready within 30 s, at the cost of one process start in 10 s.
+    timing = {
         "periodSeconds": int(own.period_seconds or 10),
         "timeoutSeconds": int(own.probe_timeout_seconds or PROBE_TIMEOUT),
         "failureThreshold": int(own.failure_threshold or 2),
     }
+    return {"startupProbe": start, "readinessProbe": {**check, **timing}}
 
 
 def service_account(name: str | None) -> Object:

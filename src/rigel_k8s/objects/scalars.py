@@ -209,6 +209,22 @@ class RosUri(Text):
     pattern = re.compile(r"http://[A-Za-z0-9._\[\]:-]+:\d{1,5}/?")
 
 
+class Url(Text):
+    """The URL of a server."""
+
+    kind = "bad-url"
+    expects = "a URL such as http://loki.logging:3100"
+    pattern = re.compile(r"https?://[A-Za-z0-9._\[\]:-]+(/\S*)?")
+
+
+class HostPort(Text):
+    """The address of a server."""
+
+    kind = "bad-address"
+    expects = "an address HOST:PORT such as alertmanager.monitoring:9093"
+    pattern = re.compile(r"[A-Za-z0-9._\[\]-]+:\d{1,5}")
+
+
 class Duration(Text):
     """A duration: 30, 30s, 5m, 1h30m."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 from rigel_k8s.observability.options import (
@@ -10,16 +9,12 @@ from rigel_k8s.observability.options import (
     Component,
     Observability,
     Part,
-    RosMetrics,
     collector_part,
 )
-from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
 #: Seconds: Loki's index has a part for each day, and Loki deletes whole parts.
 DAY = 86_400
-URL = re.compile(r"https?://[A-Za-z0-9._\[\]:-]+(/\S*)?")
-TARGET = re.compile(r"[A-Za-z0-9._\[\]-]+:\d{1,5}")
 
 
 def check(options: Observability) -> Iterator[Problem]:
@@ -29,13 +24,6 @@ def check(options: Observability) -> Iterator[Problem]:
     yield from check_spans(options)
     yield from check_collector(options)
     yield from check_existing(options)
-    yield from check_ros_metrics(options)
-    for index, target in enumerate(options.prometheus.alertmanagers):
-        if not TARGET.fullmatch(target) and not has_template(target):
-            message = (
-                f'invalid address "{target}": use HOST:PORT, such as alertmanager.monitoring:9093'
-            )
-            yield Problem(("prometheus", "alertmanagers", index), message, "bad-address")
 
 
 def check_helm(options: Observability) -> Iterator[Problem]:
@@ -90,21 +78,14 @@ def check_collector(options: Observability) -> Iterator[Problem]:
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:
-    """Yield existing parts that are configured again, and those without a valid address."""
+    """Yield existing parts that are configured again, and those without an address."""
     existing = options.existing
     if existing is None:
         return
     loki = existing.loki
     prometheus = existing.prometheus
-    if loki is not None and not URL.fullmatch(loki.url) and not has_template(loki.url):
-        message = f'invalid URL "{loki.url}": use one such as http://loki.logging:3100'
-        yield Problem(("existing", "loki", "url"), message, "bad-url")
-    url = prometheus.url if prometheus else None
-    if url is not None and not URL.fullmatch(url) and not has_template(url):
-        message = f'invalid URL "{url}": use one such as http://prometheus.monitoring:9090'
-        yield Problem(("existing", "prometheus", "url"), message, "bad-url")
     ours = options.grafana.enabled and not existing.grafana
-    if prometheus and ours and url is None:
+    if prometheus and ours and prometheus.url is None:
         message = (
             "this stack's Grafana needs the address of that Prometheus: set its `url`, or"
             " `grafana: {enabled: false}` or `existing: {grafana: true}`"
@@ -114,9 +95,6 @@ def check_existing(options: Observability) -> Iterator[Problem]:
         if there and has_data(getattr(options, name)):
             message = f"the existing {name} is used, so this has no effect"
             yield Problem((name,), message, "not-used", severity="warning", at_key=True)
-    if existing.grafana and not options.grafana.default_dashboards:
-        message = "with `default_dashboards: false`, that Grafana's sidecar has nothing to load"
-        yield Problem(("existing", "grafana"), message, "not-used", severity="warning", at_key=True)
 
 
 def has_data(part: Component) -> bool:
@@ -124,17 +102,3 @@ def has_data(part: Component) -> bool:
     persistence = getattr(part, "persistence", None)
     given = persistence is not None and persistence != type(persistence)()
     return given or bool(getattr(part, "retention", None)) or part.service_type is not None
-
-
-def check_ros_metrics(options: Observability) -> Iterator[Problem]:
-    """Yield topics that are named twice."""
-    metrics = options.ros_metrics
-    if not isinstance(metrics, RosMetrics):
-        return
-    seen: set[str] = set()
-    for index, topic in enumerate(metrics.topics):
-        name = "/" + str(topic).strip("/")
-        if name in seen:
-            path = ("ros_metrics", "topics", index)
-            yield Problem(path, f"{name} is already in the list", "name-taken")
-        seen.add(name)

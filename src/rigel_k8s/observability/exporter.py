@@ -23,7 +23,7 @@ from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
 from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
-from rigel_k8s.observability.options import Part, RosMetrics
+from rigel_k8s.observability.options import RosMetrics
 
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
@@ -110,10 +110,9 @@ def pod(
 
 def exporter_container(around: ReleaseContext, options: RosMetrics, wired: Wiring) -> Object:
     """Return the exporter's container."""
-    part = Part(image=options.image, resources=options.resources)
     return container(
         EXPORTER,
-        part,
+        options,
         EXPORTER_IMAGE,
         RESOURCES,
         **({} if around.ros.dds else {"env": [{"name": "ROS_IP", **address(wired)}]}),

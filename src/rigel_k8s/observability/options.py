@@ -18,6 +18,7 @@ from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
     DottedName,
     Duration,
+    HostPort,
     ImageRef,
     LabelKey,
     LabelValue,
@@ -25,6 +26,7 @@ from rigel_k8s.objects.scalars import (
     Quantity,
     Retention,
     RosName,
+    Url,
 )
 
 DEFAULT_COLLECTOR = "otel-collector"
@@ -44,24 +46,25 @@ class Persistence:
 
 
 @attrs.frozen(kw_only=True)
-class Part:
-    """A program of the stack."""
+class Program:
+    """A program, whether of the stack or of an application."""
 
-    enabled: bool = option("deploy it", default=True)
     image: ImageRef | None = option("its image, from a registry of your own")
     resources: Resources = attrs.field(
         factory=Resources, metadata={"doc": "requests and limits, merged over the defaults"}
     )
 
 
+@attrs.frozen(kw_only=True)
+class Part(Program):
+    """A program of the stack."""
+
+    enabled: bool = option("deploy it", default=True)
+
+
 def part_of(value: bool | Part) -> Part:  # noqa: FBT001 - as the Rigelfile has it
     """Return the options of a part that may be written as true or false."""
     return value if isinstance(value, Part) else Part(enabled=value)
-
-
-def optional_part_of(value: bool | Part | None) -> Part | None:  # noqa: FBT001
-    """Return the same, and None if the Rigelfile does not set it."""
-    return None if value is None else part_of(value)
 
 
 @attrs.frozen(kw_only=True)
@@ -101,7 +104,7 @@ class Prometheus(Component):
         "time between two evaluations of the rules (default 15s)"
     )
     retention: Retention | None = option("how long metrics are kept (default 15d)")
-    alertmanagers: list[str] = option("HOST:PORT of Alertmanagers that alerts are sent to", [])
+    alertmanagers: list[HostPort] = option("Alertmanagers that alerts are sent to", [])
     persistence: Persistence = attrs.field(factory=Persistence, metadata={"doc": "its data"})
 
 
@@ -116,13 +119,9 @@ class Loki(Component):
 
 
 @attrs.frozen(kw_only=True)
-class RosMetrics:
+class RosMetrics(Program):
     """The exporter of each application: it measures the health of its ROS graph."""
 
-    image: ImageRef | None = option("its image, from a registry of your own")
-    resources: Resources = attrs.field(
-        factory=Resources, metadata={"doc": "requests and limits, merged over the defaults"}
-    )
     topics: list[RosName] = option(
         "topics to subscribe to, for rate, bandwidth and age; no others are subscribed to", []
     )
@@ -139,14 +138,14 @@ class ExistingPrometheus:
     labels: Mapping[LabelKey, LabelValue] = option(
         "labels that it selects by, such as {release: kube-prometheus-stack}", {}
     )
-    url: str | None = option("its URL; only needed for a Grafana of this stack")
+    url: Url | None = option("its URL; only needed for a Grafana of this stack")
 
 
 @attrs.frozen(kw_only=True)
 class ExistingLoki:
     """An existing Loki: log lines are sent to it."""
 
-    url: str = required_field("its URL, such as http://loki.logging:3100")
+    url: Url = required_field("its URL, such as http://loki.logging:3100")
     tenant: str | None = option("X-Scope-OrgID, if it has tenants")
     secret: DottedName | None = option(
         "a Secret in the stack's namespace with `username` and `password`, if it needs them"
@@ -220,7 +219,7 @@ class Observability:
     kube_state_metrics: Part | None = option(
         "metrics of Kubernetes' pods and machines (default: if this stack has a Prometheus)",
         accepts=bool | Part | None,
-        converter=optional_part_of,
+        converter=attrs.converters.optional(part_of),
     )
     node_exporter: Part = option(
         "metrics of the machines", default=False, accepts=bool | Part, converter=part_of

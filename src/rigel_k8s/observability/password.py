@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import secrets
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.objects.naming import NAME_LABEL
@@ -34,9 +34,11 @@ def ensure_administrator(cluster: Cluster, namespace: str, password: str | None)
     live = cluster.get(administrator_ref(namespace))
     if live is None:
         _create(cluster, namespace, password or secrets.token_urlsafe(LENGTH))
-    elif password is not None and _password(live) != password:
+    elif password is not None and live.get("data", {}).get(PASSWORD) != _encode(password):
         cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encode(password)}})
-        _restart(cluster, namespace)
+        # Grafana reads a changed password when it starts.
+        for pod in cluster.list("v1", "Pod", namespace, labels={NAME_LABEL: GRAFANA}):
+            cluster.delete(ObjectRef("v1", "Pod", namespace, pod["metadata"]["name"]))
 
 
 def _create(cluster: Cluster, namespace: str, password: str) -> None:
@@ -53,16 +55,6 @@ def _create(cluster: Cluster, namespace: str, password: str) -> None:
         )
     except ConflictError:  # another deploy was faster; its password is used
         return
-
-
-def _restart(cluster: Cluster, namespace: str) -> None:
-    """Restart Grafana, so it reads a changed password."""
-    for pod in cluster.list("v1", "Pod", namespace, labels={NAME_LABEL: GRAFANA}):
-        cluster.delete(ObjectRef("v1", "Pod", namespace, pod["metadata"]["name"]))
-
-
-def _password(secret: Any) -> str:
-    return base64.b64decode(secret.get("data", {}).get(PASSWORD, "")).decode()
 
 
 def _encode(text: str) -> str:

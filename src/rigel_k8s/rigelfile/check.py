@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -191,8 +192,7 @@ class _Components:
         self._root = root
         self._scope = scope
         self._contents = contents
-        self._resolve = resolve
-        self._types: dict[tuple[str, str], Any] = {}
+        self._resolve = cache(resolve)
         self._used: dict[str | None, dict[int, YamlNode | None]] = {}
         for _, use in uses(root):
             options = use.value.get("with") if isinstance(use.value, dict) else None
@@ -219,7 +219,7 @@ class _Components:
         overrides: list[YamlNode | None],
     ) -> Iterator[Finding]:
         try:
-            found = self._type(kind, spec.plugin)
+            found = self._resolve(kind, spec.plugin)
         except UserError as error:
             key = "plugin" if kind == "job" else "provider"
             hint = f" ({error.hint})" if error.hint else ""
@@ -230,11 +230,6 @@ class _Components:
             return
         for over in overrides:
             yield from _check_options(found, self._scope, spec, over, self._contents)
-
-    def _type(self, kind: Literal["job", "provider"], name: str) -> Any:
-        if (kind, name) not in self._types:
-            self._types[kind, name] = self._resolve(kind, name)
-        return self._types[kind, name]
 
 
 def _check_options(

@@ -166,7 +166,9 @@ def assemble(
         created: seconds since 1970; None: the image does not record when it was made, nor how.
         arch: the architecture of its programs; None: that of this machine.
     """
-    moment = _moment(created) if created is not None else None
+    moment = None
+    if created is not None:
+        moment = datetime.fromtimestamp(created, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     image: dict[str, Any] = {
         "architecture": arch or architecture(),
         "os": "linux",

@@ -43,6 +43,8 @@ GOOD = {
     "MountPath": ["/", "/a/b c"],
     "RosName": ["a", "/a/b_1", "~a", "/"],
     "RosUri": ["http://robot:11311", "http://10.0.0.1:11311/", "http://[::1]:11311"],
+    "Url": ["http://loki.logging:3100", "https://loki/a?b", "http://[::1]:9090"],
+    "HostPort": ["alertmanager.monitoring:9093", "10.0.0.1:9093"],
     "Duration": ["30", "30s", "5m", "1h30m", "0.5s"],
     "Retention": ["15s", "7d", "1h30m", "500ms"],
 }
@@ -67,6 +69,8 @@ BAD = {
     "MountPath": ["", "a", "./a", "/a:b"],
     "RosName": ["", "a-b", "1a", "a//b", "a b", "a/", "ä"],
     "RosUri": ["robot:11311", "http://robot", "https://robot:1", "http://robot:11311/x"],
+    "Url": ["", "loki:3100", "there", "ftp://a", "http://a b"],
+    "HostPort": ["", "nobody", "http://a:1", "a:"],
     "Duration": ["", "0", "0s", "five", "1d", "-1s", "5 m"],
     "Retention": ["", "7", "week"],
 }

@@ -12,15 +12,7 @@ WRONG = [
     ("bad-duration", "loki.retention", "{loki: {retention: 12h}}"),
     ("bad-duration", "prometheus.retention", "{prometheus: {retention: 0s}}"),
     ("bad-duration", "prometheus.scrape_interval", "{prometheus: {scrape_interval: 0s}}"),
-    ("bad-address", "prometheus.alertmanagers.0", "{prometheus: {alertmanagers: [nobody]}}"),
-    ("bad-url", "existing.loki.url", "{existing: {loki: {url: loki:3100}}}"),
-    (
-        "bad-url",
-        "existing.prometheus.url",
-        "{existing: {prometheus: {url: there}}}",
-    ),
     ("missing-url", "existing.prometheus", "{existing: {prometheus: true}}"),
-    ("name-taken", "ros_metrics.topics.1", "{ros_metrics: {topics: [/scan, scan]}}"),
 ]
 WARNINGS = [
     ("not-used", "loki.chart", "{loki: {chart: grafana/loki}}"),
@@ -33,11 +25,6 @@ WARNINGS = [
         "not-used",
         "loki",
         "{collector: otel-collector, loki: {retention: 7d}, existing: {loki: {url: 'http://l:1'}}}",
-    ),
-    (
-        "not-used",
-        "existing.grafana",
-        "{grafana: {default_dashboards: false}, existing: {grafana: {folder: a}}}",
     ),
 ]
 RIGHT = [

@@ -56,7 +56,7 @@ def alloy(stack: Stack) -> Iterator[Object]:
 def configuration(stack: Stack) -> str:
     """Return config.alloy: find pods, label them, read, join, level and send their lines."""
     chosen = block("selectors", {"role": "pod", "label": RELEASE_LABEL})
-    selectors = [] if stack.collects_all else [chosen]
+    selectors = [] if stack.options.collect == "all" else [chosen]
     return "\n\n".join(
         [
             block("logging", {"level": "warn"}),

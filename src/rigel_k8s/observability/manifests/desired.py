@@ -57,7 +57,7 @@ def _objects(stack: Stack) -> Iterator[Object]:
         yield from monitoring(stack, stack.operator)
     if stack.kube_state_metrics.enabled:
         yield from kube_state_metrics(stack)
-    if stack.node_exporter.enabled:
+    if stack.options.node_exporter.enabled:
         yield from node_exporter(stack)
     if stack.has_grafana:
         yield from grafana(stack)

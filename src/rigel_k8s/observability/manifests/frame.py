@@ -14,7 +14,7 @@ import yaml
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import labels, selector
 from rigel_k8s.objects.resources import Resources
-from rigel_k8s.observability.options import Part, Persistence
+from rigel_k8s.observability.options import Persistence, Program
 from rigel_k8s.yaml_text import Loader
 
 Object = dict[str, Any]
@@ -184,15 +184,15 @@ def digest(configuration: Sequence[Object]) -> str:
 
 
 def container(
-    name: str, part: Part, image: str, defaults: Mapping[str, Mapping[str, str]], **more: Any
+    name: str, program: Program, image: str, defaults: Mapping[str, Mapping[str, str]], **more: Any
 ) -> Object:
     """Return a container that writes only to its volumes and cannot become another user."""
     return {
         "name": name,
-        "image": str(part.image or image),
+        "image": str(program.image or image),
         "imagePullPolicy": "IfNotPresent",
         **more,
-        "resources": resources(part.resources, defaults),
+        "resources": resources(program.resources, defaults),
         "securityContext": {
             "allowPrivilegeEscalation": False,
             "readOnlyRootFilesystem": True,

@@ -76,7 +76,7 @@ def node_exporter(stack: Stack) -> Iterator[Object]:
 def _node_pod(stack: Stack) -> Object:
     main = container(
         NODE_EXPORTER,
-        stack.node_exporter,
+        stack.options.node_exporter,
         NODE_EXPORTER_IMAGE,
         NODE_DEFAULTS,
         args=[

@@ -66,7 +66,7 @@ def configuration(stack: Stack) -> str:
         ],
         "annotations": [{"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"}],
     }
-    if not stack.collects_all:
+    if stack.options.collect != "all":
         metadata["filter"]["labels"] = [{"key": RELEASE_LABEL, "op": "exists"}]
         # Lines of pods that belong to no release.
         foreign = ['resource.attributes["application"] == nil']

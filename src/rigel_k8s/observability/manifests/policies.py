@@ -25,7 +25,9 @@ def policies(stack: Stack) -> Iterator[Object]:
 
 def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
     """Yield each part with the sources that may reach it; an empty source is any."""
-    options, outside = stack.options, _list_outside(stack)
+    options = stack.options
+    servers = [f"{address}/{128 if ':' in address else 32}" for address in stack.api_servers]
+    outside: list[Object] = [*({"ipBlock": {"cidr": cidr}} for cidr in servers), SYSTEM]
     if stack.has_loki:
         writers = [stack.collector] if stack.collector else []
         inside = _parts([*writers, GRAFANA, PROMETHEUS])
@@ -45,14 +47,6 @@ def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
 def _list_sources(part: Component, sources: list[Object]) -> list[Object]:
     """Return the sources of a part; none if its Service is reachable from outside."""
     return [] if part.service_type in ("NodePort", "LoadBalancer") else sources
-
-
-def _list_outside(stack: Stack) -> list[Object]:
-    hosts = [
-        {"ipBlock": {"cidr": f"{address}/{128 if ':' in address else 32}"}}
-        for address in stack.api_servers
-    ]
-    return [*hosts, SYSTEM]
 
 
 def _parts(names: Sequence[str]) -> list[Object]:

@@ -80,7 +80,7 @@ def _client(stack: Stack) -> Object:
 def _scrape(stack: Stack) -> Object:
     # Promtail itself adds the machine to the selector, by HOSTNAME, so it only sees its own pods.
     found: Object = {"role": "pod"}
-    if not stack.collects_all:
+    if stack.options.collect != "all":
         found["selectors"] = [{"role": "pod", "label": RELEASE_LABEL}]
     return {
         "job_name": "pods",

@@ -38,9 +38,8 @@ def configuration(stack: Stack, directory: str) -> str:
         "scrape_configs": [_scrape_own(*part, stack) for part in own_parts(stack)] + jobs,
     }
     if options.alertmanagers:
-        made["alerting"] = {
-            "alertmanagers": [{"static_configs": [{"targets": list(options.alertmanagers)}]}]
-        }
+        targets = [str(target) for target in options.alertmanagers]
+        made["alerting"] = {"alertmanagers": [{"static_configs": [{"targets": targets}]}]}
     return yaml.safe_dump(made, sort_keys=False, width=100_000)
 
 
@@ -62,7 +61,7 @@ def own_parts(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
         yield stack.collector, [own_port(), *contract()]
     if stack.kube_state_metrics.enabled:
         yield KUBE_STATE_METRICS, [own_port()]
-    if stack.node_exporter.enabled:
+    if stack.options.node_exporter.enabled:
         node = {"source_labels": [SOURCES["node"]], "target_label": "node"}
         yield NODE_EXPORTER, [own_port(), node]
 

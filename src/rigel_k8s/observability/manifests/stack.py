@@ -96,7 +96,7 @@ class Stack:
     def prometheus_url(self) -> str | None:
         """The URL from which Grafana reads metrics, None if it has none."""
         if self.operator is not None:
-            return self.operator.url
+            return str(self.operator.url) if self.operator.url else None
         return f"http://{PROMETHEUS}:{PROMETHEUS_PORT}" if self.has_prometheus else None
 
     @property
@@ -106,19 +106,9 @@ class Stack:
         return name if self.loki_url and collector_part(self.options, name).enabled else None
 
     @property
-    def collects_all(self) -> bool:
-        """Whether all pods' lines are collected, and not only those of releases."""
-        return self.options.collect == "all"
-
-    @property
     def kube_state_metrics(self) -> Part:
         """kube-state-metrics; an existing Prometheus has its own."""
         return self.options.kube_state_metrics or Part(enabled=self.has_prometheus)
-
-    @property
-    def node_exporter(self) -> Part:
-        """The machines' metrics."""
-        return self.options.node_exporter
 
     def keeps(self, persistence: Persistence, *, default: bool) -> bool:
         """Return whether a part's data are on a claim."""

@@ -6,6 +6,7 @@ So the user's own kubeconfig is enough, and no port is open to others.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 from urllib.parse import urlsplit
@@ -145,22 +146,16 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack
         by_namespace.setdefault(meta["namespace"], {})[meta["name"]] = service
     if not by_namespace:
         where = f" in the namespace {namespace}" if namespace else " on this cluster"
-        if (bare := find_bare_stack(cluster)) and namespace in (None, bare):
-            return InstalledStack(cluster, bare, {})
+        with suppress(Refusal):  # one that only uses existing servers has no Service
+            bare = find_namespace(cluster)
+            if bare and namespace in (None, bare):
+                return InstalledStack(cluster, bare, {})
         raise NoStack(f"there is no observability stack{where}", hint=HINT)
     if len(by_namespace) > 1:
         listed = ", ".join(sorted(by_namespace))
         raise NoStack(f"there are several observability stacks: {listed}", hint="pass one with -n")
     ((found, named),) = by_namespace.items()
     return InstalledStack(cluster, found, named)
-
-
-def find_bare_stack(cluster: Cluster) -> str | None:
-    """Return the namespace of a stack that only uses existing servers, None for none."""
-    try:
-        return find_namespace(cluster)
-    except Refusal:
-        return None
 
 
 def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:

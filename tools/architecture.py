@@ -95,7 +95,7 @@ def arrows() -> set[tuple[str, str]]:
             continue
         importer = package_of(".".join(file.relative_to(ROOT / "src").with_suffix("").parts))
         found |= {(importer, package_of(name)) for name in find_imports(file)}
-    return {(a, b) for a, b in found if a and b and a != b and b != "rigel_muto"}
+    return {(a, b) for a, b in found if a and b and a != b}
 
 
 def reduce_pairs(pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:

@@ -72,7 +72,7 @@ def convert(
 
     An archive with sources needs --to: the Rigelfile there builds an image of them and deploys it.
     """
-    from rigel_muto import commands as actions
+    from rigel_muto import convert as actions
     from rigel_muto.options import Muto
 
     given = dict(split_pair(text, "--arg", "NAME=VALUE") for text in arguments)

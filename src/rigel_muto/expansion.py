@@ -15,10 +15,9 @@ from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding, pl
 from rigel_k8s.rigelfile.source import YamlNode, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.system.trust import Untrusted, require_trust
-from rigel_muto.library import NotFound
 from rigel_muto.opening import Find, open_stack
 from rigel_muto.options import Muto
-from rigel_muto.remarks import Remark, Unreadable, leave_out_replaced, list_findings, note
+from rigel_muto.remarks import NotFound, Remark, Unreadable, leave_out_replaced, list_findings, note
 from rigel_muto.stack import Stack
 from rigel_muto.translation import Translation, require_nodes, translate
 from rigel_muto.twin import Twin
@@ -75,7 +74,8 @@ def _translate(
     try:
         ask = _choose_twin(options, surroundings)
         home, chosen = surroundings.home, options.references
-        stack, find = open_stack(options.name, surroundings.directory, home, ask, chosen)
+        name = options.name if isinstance(options.stack, str) else at
+        stack, find = open_stack(name, surroundings.directory, home, ask, chosen)
         made = translate(stack, given, find)
         return made if own else require_nodes(stack, made)
     except NotAsked:

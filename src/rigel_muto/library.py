@@ -14,17 +14,13 @@ from rigel_k8s.rigelfile.source import Source, strip_places
 from rigel_k8s.system.local_files import read_text
 from rigel_muto.formats import list_stacks
 from rigel_muto.reading import read
-from rigel_muto.remarks import Unreadable
+from rigel_muto.remarks import NotFound, Unreadable
 from rigel_muto.stack import Stack
 
 #: Files that are searched for an id: how many, how large together, and the endings of their names.
 MOST_FILES = 300
 MOST_SEARCHED = 4 * MOST_BYTES
 SUFFIXES = (".json", ".yaml", ".yml")
-
-
-class NotFound(Exception):
-    """The stack does not exist; the text says so."""
 
 
 class Ambiguous(NotFound):

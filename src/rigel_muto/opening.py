@@ -1,31 +1,27 @@
-"""The stack that a user names: a file, an id, a thing of a Ditto, or its own text as a data URL."""
+"""The stack that a user names: a file, an id, a thing of a Ditto, or the stack itself."""
 
 from __future__ import annotations
 
-import base64
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import urlsplit
 
-from rigel_k8s.rigelfile.source import Source, Span, YamlNode
+from rigel_k8s.rigelfile.source import YamlNode
 from rigel_muto.ditto import THINGS
 from rigel_muto.formats import list_stacks
-from rigel_muto.library import SUFFIXES, Ambiguous, Library, NotFound
-from rigel_muto.reading import decode, read
-from rigel_muto.remarks import Unreadable, error
+from rigel_muto.library import SUFFIXES, Ambiguous, Library
+from rigel_muto.remarks import NotFound, Unreadable, error
 from rigel_muto.stack import Stack
 
 SCHEMES = ("http://", "https://")
-#: Before a stack's own text in base64.
-DATA = "data:;base64,"
 #: Returns the stack of an id, or raises NotFound or Unreadable.
 Find = Callable[[str], Stack]
 
 
 def open_stack(
-    name: str,
+    name: str | YamlNode,
     directory: Path,
     home: Path,
     ask: Find | None,
@@ -34,8 +30,8 @@ def open_stack(
     """Return the stack of a name, and what finds those that it refers to.
 
     Args:
-        name: a file in or below the directory, an id, or a data URL. Ids are looked for in the
-            files of the directory (of the file, if there is one), then by `ask`.
+        name: a file in or below the directory, an id, or the stack itself. Ids are looked for in
+            the files of the directory (of the file, if there is one), then by `ask`.
         home: the directory that files must be in, unless they are in a trusted one.
         ask: finds stacks elsewhere; None: nowhere else.
         chosen: the files of ids that several files have.
@@ -45,9 +41,9 @@ def open_stack(
         Unreadable: its content is wrong.
         UserError: it may not be read.
     """
-    if name.startswith(DATA):
+    if isinstance(name, YamlNode):
         find = _look_in_both(Library(directory, home, chosen), ask)
-        return _open_data(name.removeprefix(DATA)), find
+        return _choose_only(list_stacks(name), name), find
     path = directory / name
     # os.path's answers False for a name that no file can have.
     if not os.path.exists(path) and path.suffix not in SUFFIXES:  # noqa: PTH110
@@ -66,17 +62,9 @@ def open_stack(
     return stacks[0], _look_in_both(library, ask)
 
 
-def write_data(text: str) -> str:
-    """Return a stack's text as a data URL, in which no template is recognized."""
-    return DATA + base64.b64encode(text.encode()).decode()
-
-
-def _open_data(data: str) -> Stack:
-    """Return the one stack of a text in base64."""
-    place = YamlNode(data, Span(1, 1, 1, 2), source=Source("stack", ""))
-    stacks = list_stacks(read(decode(place, "its own text")))
+def _choose_only(stacks: tuple[Stack, ...], at: YamlNode) -> Stack:
     if len(stacks) > 1:
-        raise Unreadable(error(place, f"this is a list of {len(stacks)} stacks", "not-a-stack"))
+        raise Unreadable(error(at, f"this is a list of {len(stacks)} stacks", "not-a-stack"))
     return stacks[0]
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import attrs
 
@@ -18,10 +19,10 @@ from rigel_muto.opening import check_url, split_url
 class Muto:
     """A stack of Eclipse Muto."""
 
-    stack: str = required_field(
+    stack: str | Mapping[str, Any] = required_field(
         "a file with a stack, from the application's directory; the id (stackId, thingId) of a"
-        " stack in one of the files there, or at twin_url; the URL of a Ditto thing; or a stack's"
-        " text as a data URL, `data:;base64,TEXT`"
+        " stack in one of the files there, or at twin_url; the URL of a Ditto thing; or the stack"
+        " itself, as a mapping"
     )
     args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
     references: Mapping[str, str] = option(
@@ -38,7 +39,10 @@ class Muto:
 
     def __attrs_post_init__(self) -> None:
         """Refuse options that contradict each other."""
-        split = split_url(self.stack)
+        written = self.stack if isinstance(self.stack, str) else ""
+        split = split_url(written)
+        if written.startswith("data:"):
+            raise ValueError("a stack cannot be a data URL: write the stack itself, as a mapping")
         if split and self.twin_url:
             raise ValueError("a stack that is a URL needs no twin_url: leave it out")
         if self.twin_url:
@@ -52,14 +56,15 @@ class Muto:
 
     @property
     def name(self) -> str:
-        """The stack's file or id."""
-        split = split_url(self.stack)
-        return split[1] if split else self.stack
+        """The stack's file or id; "" for a stack that is written in its place."""
+        name = self.stack if isinstance(self.stack, str) else ""
+        split = split_url(name)
+        return split[1] if split else name
 
     @property
     def base_url(self) -> str | None:
         """The Ditto that may be queried; None for none."""
-        split = split_url(self.stack)
+        split = split_url(self.stack) if isinstance(self.stack, str) else None
         return split[0] if split else self.twin_url
 
     @property

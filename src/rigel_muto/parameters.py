@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from typing import Any
 
 import attrs
 
 from rigel_k8s.option_text import text_of
+from rigel_k8s.rigelfile.limits import LONGEST_NUMBER
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, node_of
 from rigel_muto.arguments import Completion
 from rigel_muto.remarks import Unreadable, describe_unknown, error
 from rigel_muto.stack import is_empty
-from rigel_muto.types import give_type
 
 KEYS = ("name", "value", "from", "command", "namespace", "sep")
 
@@ -131,3 +133,22 @@ def _text(node: YamlNode, key: str) -> YamlNode:
         message = f'"{key}" must be text, got {kind_of(node.value)}'
         raise Unreadable(error(node, message, "wrong-type"))
     return node
+
+
+_WHOLE_NUMBER = re.compile(r"[-+]?\d+")
+_NUMBER = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE]))([eE][-+]?\d+)?")
+_TRUTHS = {"true": True, "false": False}
+
+
+def give_type(node: YamlNode) -> YamlNode:
+    """Return a text that is written as a number or boolean as one: "2" is 2; others unchanged."""
+    text: Any = node.value
+    if not isinstance(text, str):
+        return node
+    if text.lower() in _TRUTHS:
+        return node_of(_TRUTHS[text.lower()], node)
+    if len(text) > LONGEST_NUMBER:
+        return node
+    if _WHOLE_NUMBER.fullmatch(text):
+        return node_of(int(text), node)
+    return node_of(float(text), node) if _NUMBER.fullmatch(text) else node

@@ -27,6 +27,10 @@ class Remark:
     option: Path = ()
 
 
+class NotFound(Exception):
+    """A stack does not exist; the text says so."""
+
+
 class Unreadable(Exception):
     """A value that cannot be used; the remark has the reason."""
 

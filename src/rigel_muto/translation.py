@@ -8,6 +8,7 @@ import attrs
 
 from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.findings import suggest
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN
 from rigel_k8s.rigelfile.source import YamlNode, node_of
 from rigel_muto.arguments import Allowance, Arguments, Completion
 from rigel_muto.composed import (
@@ -18,10 +19,9 @@ from rigel_muto.composed import (
     translate_container,
     translate_nodelet,
 )
-from rigel_muto.gathering import Gathering
 from rigel_muto.nodes import Translated, translate_node
 from rigel_muto.parameters import Parameters, merge
-from rigel_muto.remarks import Remark, Unreadable, error, loss, note
+from rigel_muto.remarks import NotFound, Remark, Unreadable, error, loss, note
 from rigel_muto.stack import Stack, is_empty, text_at
 
 NO_MANAGER = (
@@ -95,6 +95,64 @@ def require_nodes(stack: Stack, made: Translation) -> Translation:
         return made
     missing = error(stack.place, "this stack has no node that can be run", "no-node")
     return attrs.evolve(made, remarks=(*made.remarks, missing))
+
+
+class Gathering:
+    """Collects stacks, each once; those that one refers to come before it.
+
+    Args:
+        find: returns the stack of an id, or raises NotFound or Unreadable.
+    """
+
+    def __init__(self, find: Callable[[str], Stack]) -> None:
+        self.remarks: list[Remark] = []
+        self.stacks: list[Stack] = []
+        self._find = find
+        self._open: list[Stack] = []
+
+    def add(self, stack: Stack) -> None:
+        """Add a stack and all that it refers to; what is wrong becomes a remark."""
+        if any(known is stack for known in self.stacks):
+            return
+        self._open.append(stack)
+        for part in stack.parts:
+            self.add(part)
+        for reference in stack.references:
+            self._follow(reference)
+        self._open.pop()
+        self.remarks += stack.remarks
+        self.stacks.append(stack)
+
+    def _follow(self, reference: YamlNode) -> None:
+        identifier = text_at(reference.value, "thingId") or text_at(reference.value, "stackId")
+        if not identifier:
+            message = "a reference to a stack needs a thingId"
+            self.remarks.append(error(reference, message, "missing-key"))
+            return
+        if chain := list(self._list_chain(identifier)):
+            message = f"this stack refers to itself: {' -> '.join([*chain, identifier])}"
+            self.remarks.append(error(reference, message, "stack-cycle"))
+            return
+        if len(self._open) > LONGEST_CHAIN:
+            message = f"more than {LONGEST_CHAIN} stacks refer to each other"
+            self.remarks.append(error(reference, message, "too-large"))
+            return
+        try:
+            self.add(self._find(identifier))
+        except NotFound as fault:
+            self.remarks.append(error(reference, str(fault), "unknown-stack"))
+        except Unreadable as fault:
+            self.remarks.append(fault.remark)
+
+    def _list_chain(self, identifier: str) -> Iterator[str]:
+        """Yield the open stacks from the one of an id on; nothing where it is not open."""
+        inside = False
+        for stack in self._open:
+            if identifier in stack.ids:
+                inside = True
+                yield identifier
+            elif inside:
+                yield stack.label
 
 
 class _Work:

@@ -8,8 +8,8 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.rigelfile.source import Source
 from rigel_muto.ditto import Access, Ditto
 from rigel_muto.formats import list_stacks
-from rigel_muto.library import NotFound
 from rigel_muto.reading import read
+from rigel_muto.remarks import NotFound
 from rigel_muto.stack import Stack
 
 

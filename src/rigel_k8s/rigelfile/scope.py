@@ -116,6 +116,8 @@ class Scope:
         return self._render_text(attrs.evolve(node, hole=False)) if node.hole else node
 
     def _walk(self, node: YamlNode, text: Callable[[YamlNode], YamlNode]) -> YamlNode:
+        if node.source is not None:
+            return node  # of another file, perhaps of another person: braces in it are text
         if isinstance(node.value, dict):
             return self._mapping(node, text)
         if isinstance(node.value, list):

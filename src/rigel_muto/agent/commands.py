@@ -37,7 +37,8 @@ class Deployment:
         identity: finds duplicates: of two commands with one identity the second has no effect.
             "" if the sender gave none: such a command has no duplicates.
         stack: the text of a stack, in any form that muto/formats.py reads.
-        stack_id: the id of the stack; a Ditto or the agent's own files have it if `stack` is None.
+        stack_id: the id of the stack, which a protocol also reads from `stack`; a Ditto or the
+            agent's own files have it if `stack` is None.
         components: Symphony's components: the text of a stack by the component's name. They
             replace those of the same name, and leave the others as they are
             (`components.join` makes one stack of all of them).

@@ -15,7 +15,6 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_muto.agent.commands import Command, Kill
-from rigel_muto.agent.components import join
 
 #: starting, stopping: a command is being carried out. failed: what must run is not ready, or could
 #: not be deployed. active is only used if all is ready.
@@ -141,3 +140,15 @@ def decode(data: str) -> Record:
     wanted = Wanted(**content.pop("wanted"))
     identities = tuple(content.pop("identities"))
     return Record(wanted=wanted, identities=identities, **content)
+
+
+def join(components: Mapping[str, str]) -> str:
+    """Return the text of a Symphony solution that contains the texts of stacks, by name."""
+    listed = [
+        {
+            "name": name,
+            "properties": {"type": "stack", "data": base64.b64encode(text.encode()).decode()},
+        }
+        for name, text in components.items()
+    ]
+    return json.dumps({"spec": {"components": listed}})

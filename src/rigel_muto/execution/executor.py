@@ -32,7 +32,7 @@ from rigel_muto.agent.commands import (
 from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.turns import Turns
 from rigel_muto.agent.wanted import Record, State, Wanted, apply_command
-from rigel_muto.execution.target import Application, find_own_id
+from rigel_muto.execution.target import DeployedJob
 
 #: Seconds that a sender waits for the objects to be stored, or for an early failure. Symphony gives
 #: 8 s for all of an answer.
@@ -58,7 +58,7 @@ class Executor:
 
     def __init__(
         self,
-        application: Application,
+        application: DeployedJob,
         memory: Memory,
         allowance: Allowance,
         announce: Callable[[Record], None],
@@ -93,8 +93,6 @@ class Executor:
         if command.identity and command.identity in self.record.identities:
             return self._describe_duplicate(command.identity)
         wanted = apply_command(command, self.record.wanted)
-        if wanted.stack is not None and not wanted.stack_id:
-            wanted = attrs.evolve(wanted, stack_id=find_own_id(wanted.stack))
         if wanted == self.record.wanted and not wanted.is_nothing:
             if isinstance(command, Kill):
                 return Outcome(Stage.DONE, "it does not run: nothing has changed")
@@ -141,7 +139,7 @@ class Executor:
             beside.shutdown(wait=False)
 
     def _check(self, wanted: Wanted) -> Prepared:
-        """Return a stack as a job that can run. Raises as Application.prepare, or UserError."""
+        """Return a stack as a job that can run. Raises as DeployedJob.prepare, or UserError."""
         self._allowance.check_stack(wanted)
         prepared, images = self._application.prepare(wanted)
         self._allowance.check_images(images)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import attrs
@@ -27,8 +31,7 @@ from rigel_muto.agent.serving import serve
 from rigel_muto.agent.wanted import Record
 from rigel_muto.ditto import Access, Ditto
 from rigel_muto.execution.executor import Executor
-from rigel_muto.execution.health import serve_health
-from rigel_muto.execution.target import Application
+from rigel_muto.execution.target import DeployedJob
 
 
 @attrs.frozen(kw_only=True)
@@ -86,7 +89,7 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
         raise UserError(str(error), hint="an example is org.example.robots:robot-7") from error
     login = read_login(agent.credentials)
     address = read_address(agent.broker)
-    application = Application(settings, report, agent.job, agent.twin)
+    application = DeployedJob(settings, report, agent.job, agent.twin)
     dialects = agent.dialects
     topics = [dialect.topic for dialect in dialects]
     announcer = None
@@ -141,3 +144,37 @@ def read_login(directory: Path | None) -> Login:
         certificate=find("tls.crt"),
         key=find("tls.key"),
     )
+
+
+class _Handler(BaseHTTPRequestHandler):
+    timeout = 10
+
+    def __init__(self, find_trouble: Callable[[], str], *arguments: object) -> None:
+        self._find_trouble = find_trouble
+        super().__init__(*arguments)  # type: ignore[arg-type]  # what the server passes
+
+    def do_GET(self) -> None:
+        trouble = self._find_trouble()
+        body = f"{trouble or 'connected to the broker'}\n".encode()
+        self.send_response(503 if trouble else 200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Log nothing: a line for each probe would hide all others."""
+
+
+@contextmanager
+def serve_health(port: int | None, find_trouble: Callable[[], str]) -> Iterator[None]:
+    """Answer 200, or 503 with the trouble, on a port meanwhile; None for no port."""
+    if port is None:
+        yield
+        return
+    with ThreadingHTTPServer(("", port), partial(_Handler, find_trouble)) as server:
+        thread = threading.Thread(target=server.serve_forever, name="health", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            server.shutdown()

@@ -18,19 +18,18 @@ from rigel_k8s.jobs import runner
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.scope import CancelScope
+from rigel_k8s.jobs.steps import list_jobs
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId
-from rigel_k8s.rigelfile.source import Source, node_of
+from rigel_k8s.rigelfile.source import Source, YamlNode, node_of
 from rigel_k8s.rosgraph.parameters import list_parameters, read_parameter
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.commands import Query
 from rigel_muto.agent.wanted import Wanted
 from rigel_muto.execution.questions import NOT_FOUND, answer, require
-from rigel_muto.formats import list_stacks
-from rigel_muto.opening import write_data
 from rigel_muto.reading import read
 from rigel_muto.remarks import Unreadable
 
@@ -41,7 +40,7 @@ NESTED = OrchestrationOptions.nested_under
 
 
 @attrs.frozen
-class Application:
+class DeployedJob:
     """What an agent deploys into.
 
     Attributes:
@@ -78,14 +77,17 @@ class Application:
         """
         rigelfile = load(self.settings)
         spec = choose_job(rigelfile, self.settings, self.job).spec
-        keys = spec_keys(spec)
-        muto = keys.get("muto") or (keys.get(NESTED) or {}).get("muto") or {}
+        own = spec_keys(spec)
+        muto = own.get("muto") or (own.get(NESTED) or {}).get("muto") or {}
         muto = muto if isinstance(muto, dict) else {}
-        stack = wanted.stack_id if wanted.text is None else write_data(wanted.text)
-        override = node_of({"muto": {**muto, **self.twin, "stack": stack}}, spec.options)
+        keys = node_of({**muto, **self.twin, "stack": wanted.stack_id}, spec.options)
+        if wanted.text is not None:
+            keys.value["stack"] = read_stack(wanted.text)
+        override = attrs.evolve(spec.options, value={"muto": keys})
         settings = attrs.evolve(self.settings, description=describe_revision(wanted))
         prepared = runner.prepare_use(rigelfile, spec, override, settings)
-        made = grammar.realise(rigelfile, spec, override, {}, OrchestrationOptions)
+        (job,) = list_jobs(prepared.steps)
+        made = prepared.values.realise(job, {})  # as the check has made it, and the run uses it
         return prepared, tuple(list_images(made.options))
 
     def deploy(self, prepared: Prepared, scope: CancelScope, applied: threading.Event) -> None:
@@ -159,10 +161,14 @@ def describe_revision(wanted: Wanted) -> str:
     return f"muto: {label[:LONGEST_LABEL]}" if label else "muto"
 
 
-def find_own_id(text: str) -> str:
-    """Return the id that a stack's text has; "" if it has none, or is not a stack."""
+def read_stack(text: str) -> YamlNode:
+    """Return a stack's text as a value, in which braces are text.
+
+    Raises:
+        ProblemsError: it is neither JSON nor YAML.
+    """
+    source = Source("stack", text)
     try:
-        stacks = list_stacks(read(Source("stack", text)))
-    except Unreadable:
-        return ""
-    return ", ".join(stack.ids[0] for stack in stacks if stack.ids)
+        return read(source)
+    except Unreadable as fault:
+        raise grammar.problems_error(source, [fault.remark.finding]) from fault

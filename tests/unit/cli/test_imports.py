@@ -44,8 +44,7 @@ UNUSED = (
     "rigel_k8s.discovery",
     "rigel_k8s.images.docker",
     "rigel_k8s.jobs.rigelstyle",
-    "rigel_muto.expansion",
-    "rigel_muto.translation",
+    "rigel_muto",
     "rigel_k8s.network.modes.attached",
     "rigel_k8s.network.modes.discovery_server",
     "rigel_k8s.network.modes.peers",
@@ -113,3 +112,22 @@ def test_status_imports_nothing_that_only_deploying_needs(tmp_path: Path) -> Non
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "does not answer" in done.stderr
     assert done.stdout.strip() == "[]"
+
+
+def test_no_command_but_muto_loads_muto() -> None:
+    """Whoever has no stack of Eclipse Muto pays nothing for it, and `rigel_k8s` is without it."""
+    code = (
+        "import sys, importlib, pkgutil, rigel_k8s\n"
+        "from rigel_k8s.cli import main\n"
+        "for module, _ in main.COMMANDS.values():\n"
+        "    importlib.import_module(f'rigel_k8s.cli.{module}')\n"
+        "for one in pkgutil.walk_packages(rigel_k8s.__path__, 'rigel_k8s.'):\n"
+        "    if '.cli.' in one.name or '.commands.' in one.name or '.jobs.' in one.name:\n"
+        "        importlib.import_module(one.name)\n"
+        "assert main.run(['version'], 'rigel') == 0\n"
+        "print([m for m in sys.modules if m.startswith('rigel_muto')], file=sys.stderr)\n"
+        "assert main.run(['muto', 'convert', '--help'], 'rigel') == 0\n"
+        "assert 'rigel_muto.cli' in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.cli.main import run
+from rigel_k8s.distros import CURRENT
 
 from .shapes import FOLDER, SAMPLES
 
@@ -121,10 +122,10 @@ def test_a_reference_that_several_files_have_can_be_chosen(
 @pytest.mark.parametrize(
     ("more", "distro"),
     [
-        ({}, "jazzy"),
+        ({}, CURRENT),
         ({"param": [{"name": "a", "value": "1"}]}, "noetic"),
         ({"node": [{**TALKER, "pkg": "nodelet", "exec": "nodelet", "args": "manager"}]}, "noetic"),
-        ({"composable": [{"name": "c", "package": "p", "executable": "e", "node": []}]}, "jazzy"),
+        ({"composable": [{"name": "c", "package": "p", "executable": "e", "node": []}]}, CURRENT),
     ],
 )
 def test_the_ros_of_a_stack_is_that_of_what_is_in_it(

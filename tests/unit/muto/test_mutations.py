@@ -14,7 +14,7 @@ import pytest
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.errors import UserError
 from rigel_k8s.settings import Settings
-from rigel_muto import commands as muto
+from rigel_muto import convert as muto
 from rigel_muto.options import Muto
 
 from .shapes import FOLDER

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import TargetJob, choose_job, job_of, names_of
@@ -16,9 +18,10 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise
+from rigel_k8s.rigelfile.source import Source, node_of
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
-from rigel_muto.opening import write_data
+from rigel_muto.reading import read
 
 from .shapes import FOLDER, SAMPLES
 
@@ -348,21 +351,33 @@ def test_the_option_and_the_rigelfile_deploy_the_same(name: str, tmp_path: Path)
     assert converted == objects_of(option)
 
 
-def test_a_stack_may_stand_in_a_data_url(tmp_path: Path) -> None:
-    """Its references are found in the application's directory, and no template in it is filled."""
+def test_a_stack_may_stand_in_the_rigelfile(tmp_path: Path) -> None:
+    """Its references are found in the application's directory."""
     other = {"stackId": "org:other", "node": [LISTENER]}
     (tmp_path / "other.json").write_text(json.dumps(other))
-    stack = {"node": [{**TALKER, "args": "{{ vars.HOME }}"}], "stack": [{"thingId": "org:other"}]}
-    path = write(tmp_path, muto={"stack": write_data(json.dumps(stack))})
-    nodes = deploy(path).options.nodes
-    assert list(nodes) == ["r1/listener", "talker"]
-    assert nodes["talker"].args == "{{ vars.HOME }}"
+    stack = {"node": [TALKER], "stack": [{"thingId": "org:other"}]}
+    path = write(tmp_path, muto={"stack": stack})
+    assert list(deploy(path).options.nodes) == ["r1/listener", "talker"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "[1]", '{"node": 1}'])
-def test_a_data_url_without_a_stack_is_an_error(tmp_path: Path, text: str) -> None:
-    path = write(tmp_path, muto={"stack": write_data(text)})
+@pytest.mark.parametrize("stack", [{}, {"node": 1}, {"nodes": []}, "data:;base64,e30="])
+def test_a_value_that_is_no_stack_is_an_error(tmp_path: Path, stack: object) -> None:
+    path = write(tmp_path, muto={"stack": stack})
     assert [severity for *_, severity in findings(path)] == ["error"]
+
+
+def test_braces_of_another_file_are_text(tmp_path: Path) -> None:
+    """In keys and values: the sender of a stack must not read the environment here."""
+    text = json.dumps({"node": [{**TALKER, "args": "{{ vars.HOME }}", "{{ vars.HOME }}": 1}]})
+    (tmp_path / "a").mkdir()
+    rigelfile = load(write(tmp_path, muto={"stack": "a"}))
+    spec = rigelfile.jobs["deploy"]
+    stack = {"muto": node_of({"stack": ""}, spec.options)}
+    stack["muto"].value["stack"] = read(Source("stack", text))
+    override = attrs.evolve(spec.options, value=stack)
+    made = realise(rigelfile, spec, override, {}, OrchestrationOptions)
+    assert made.options.nodes["talker"].args == "{{ vars.HOME }}"
+    assert "{{ vars.HOME }}" in str(made.warnings)
 
 
 def test_arguments_are_filled_into_names(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
+from rigel_muto.parameters import give_type
 from rigel_muto.reading import decode, read
 from rigel_muto.remarks import Unreadable
-from rigel_muto.types import give_type
 
 TEXTS = [
     '{\n\t"a":\t"b",\n\t"c": [1, 2.5],\n\t"d": {"e": null}\n}',

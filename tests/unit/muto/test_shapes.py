@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_muto import commands as muto
+from rigel_muto import convert as muto
 from rigel_muto.opening import open_stack
 from rigel_muto.options import Muto
 from rigel_muto.remarks import Remark

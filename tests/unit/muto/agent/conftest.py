@@ -22,7 +22,7 @@ from rigel_muto.agent.wanted import Record
 from rigel_muto.execution import executor as executors
 from rigel_muto.execution import target
 from rigel_muto.execution.executor import Executor
-from rigel_muto.execution.target import Application
+from rigel_muto.execution.target import DeployedJob
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
 from tests.support.until import until
@@ -56,7 +56,7 @@ class Agent:
 
     def run(self, allowance: Allowance = ALL, *, timeout: float = 30) -> Executor:
         settings = Settings(rigelfile=self.directory / "Rigelfile", timeout=timeout)
-        application = Application(settings, self.report)
+        application = DeployedJob(settings, self.report)
         named = application.creates_namespace()
         made = Executor(
             application,
@@ -93,13 +93,13 @@ def agent(
     monkeypatch.setattr(target, "connect", lambda settings: fake)
     monkeypatch.setattr(reading, "read_graph", lambda cluster, release: RosGraph())
     monkeypatch.setattr(executors, "LOOK", 0.1)
-    look = Application.look
+    look = DeployedJob.look
 
-    def look_alone(self: Application) -> tuple[int, list[str]]:
+    def look_alone(self: DeployedJob) -> tuple[int, list[str]]:
         with made.looking:
             return look(self)
 
-    monkeypatch.setattr(Application, "look", look_alone)
+    monkeypatch.setattr(DeployedJob, "look", look_alone)
     job = {
         "namespace": RELEASE.namespace,
         "deployment_name": RELEASE.name,

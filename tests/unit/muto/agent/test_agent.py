@@ -22,8 +22,7 @@ from rigel_muto.agent.address import Login
 from rigel_muto.agent.allowance import Allowance
 from rigel_muto.agent.manifests import PROBE
 from rigel_muto.execution import serving
-from rigel_muto.execution.health import serve_health
-from rigel_muto.execution.serving import read_login
+from rigel_muto.execution.serving import read_login, serve_health
 from tests.support.controllers import running as running_pod
 from tests.support.controllers import unready
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running

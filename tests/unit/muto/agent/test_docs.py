@@ -1,4 +1,4 @@
-"""The messages in docs/muto-messages.md do what the page says."""
+"""The messages in docs/muto-agent.md do what the page says."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_muto.agent.protocols.ros1 import Ros1
 
 from .recording import Remembering, give
 
-PAGE = Path(__file__).parents[4] / "docs/muto-messages.md"
+PAGE = Path(__file__).parents[4] / "docs/muto-agent.md"
 THING = "org.example.robots:r7"
 COMMAND = Start(stack_id="org.example.robots:talker-listener")
 

@@ -19,7 +19,7 @@ from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.wanted import Record, Wanted
 from rigel_muto.execution import executor as executors
 from rigel_muto.execution.executor import Executor, describe
-from rigel_muto.execution.target import Application, describe_revision
+from rigel_muto.execution.target import DeployedJob, describe_revision
 from tests.support.controllers import crash_status, running, unready
 from tests.support.releases import down, rollback
 from tests.support.until import until
@@ -60,7 +60,7 @@ def test_another_stack_leaves_common_nodes_as_they_are(
 def test_kill_takes_the_stack_away(agent: Agent) -> None:
     """A kill of another stack, or of one more that is gone, changes nothing."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:whole", "c")))
+    executor.submit(Start(stack=stack("org:whole", "c"), stack_id="org:whole"))
     agent.until("org:whole", "active")
     assert executor.submit(Kill(stack_id="org:other")).stage == Stage.DONE
     assert agent.nodes == {"c"}
@@ -139,8 +139,11 @@ def test_a_newer_command_ends_the_wait_of_the_one_before(agent: Agent) -> None:
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = lambda pod: running(pod) if names(pod, "b") else unready(pod)
     executor = agent.run()
-    assert executor.submit(Start(stack=stack("org:never", "a"))).stage == Stage.ACCEPTED
-    executor.submit(Start(stack=stack("org:b", "b")))
+    assert (
+        executor.submit(Start(stack=stack("org:never", "a"), stack_id="org:never")).stage
+        == Stage.ACCEPTED
+    )
+    executor.submit(Start(stack=stack("org:b", "b"), stack_id="org:b"))
     agent.until("org:b", "active")
     assert agent.nodes == {"b"}
     assert ("org:never", "failed") not in agent.states
@@ -179,7 +182,7 @@ def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = unready
     first = agent.run()
-    first.submit(Start(stack=stack("org:a", "a")))
+    first.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
     first.close()
     assert agent.states[-1] == ("org:a", "starting")
     controllers.kubelet = running
@@ -190,7 +193,7 @@ def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
 
 def test_what_is_no_longer_ready_is_no_longer_active(agent: Agent) -> None:
     """Until it is ready again."""
-    agent.run().submit(Start(stack=stack("org:a", "a")))
+    agent.run().submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     controllers: Any = agent.fake.store.controllers
     (pod,) = agent.fake.list("v1", "Pod", "n")
@@ -208,7 +211,7 @@ def test_what_does_not_become_ready_has_failed_until_it_does(agent: Agent) -> No
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = unready
     executor = agent.run(timeout=0.5)
-    executor.submit(Start(stack=stack("org:a", "a")))
+    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "failed")
     assert "1 of 1 not ready within" in executor.record.cause
     controllers.kubelet = running
@@ -220,7 +223,7 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
     """`rigel rollback`, say; all is ready then, and it is another stack."""
     executor = agent.run()
     for name in ("a", "b"):
-        executor.submit(Start(stack=stack(f"org:{name}", name)))
+        executor.submit(Start(stack=stack(f"org:{name}", name), stack_id=f"org:{name}"))
         agent.until(f"org:{name}", "active")
     settle(executor)
     rollback(agent.fake, RELEASE, 1, report=agent.report)  # type: ignore[arg-type]
@@ -239,10 +242,10 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
 def test_what_kubernetes_refuses_has_failed_with_the_cause(agent: Agent) -> None:
     """The stack before runs on, and is not taken for the new one."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:a", "a")))
+    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     agent.fake.store.rules = [{"apiGroups": ["*"], "resources": ["*"], "verbs": ["get", "list"]}]
-    outcome = executor.submit(Start(stack=stack("org:b", "b")))
+    outcome = executor.submit(Start(stack=stack("org:b", "b"), stack_id="org:b"))
     assert outcome.stage == Stage.FAILED
     assert "right(s) are missing" in outcome.text
     agent.until("org:b", "failed")
@@ -258,16 +261,19 @@ def test_what_kubernetes_refuses_has_failed_with_the_cause(agent: Agent) -> None
         (Start(stack_id="org:nowhere"), 'no stack "org:nowhere"'),
         (Start(stack_id="../b.json"), "is not the id of a stack"),
         (Start(stack_id="https://evil/api/2/things/a"), "is not the id of a stack"),
-        (Start(stack="{"), "stack (its own text):2:1: this is not YAML"),
+        (Start(stack="{"), "stack:2:1: this is not YAML"),
         (Start(stack='{"node": []}'), "no node"),
         (Apply(components={"one": "no stack"}), "must be a mapping"),
-        (Start(stack=stack("org:a", "a", stack=[{"thingId": "org:gone"}])), "org:gone"),
+        (
+            Start(stack=stack("org:a", "a", stack=[{"thingId": "org:gone"}]), stack_id="org:a"),
+            "org:gone",
+        ),
     ],
 )
 def test_what_is_no_stack_is_refused(agent: Agent, command: Start | Apply, words: str) -> None:
     """With the cause, and nothing has changed: neither the cluster nor the last command."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:a", "a")))
+    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     settle(executor)
     agent.fake.calls.clear()
@@ -282,7 +288,7 @@ def test_what_is_no_stack_is_refused(agent: Agent, command: Start | Apply, words
 @pytest.mark.parametrize(
     ("allowance", "command", "words"),
     [
-        (Allowance(), Start(stack=stack("org:a", "a")), "whole stack"),
+        (Allowance(), Start(stack=stack("org:a", "a"), stack_id="org:a"), "whole stack"),
         (Allowance(), Apply(components={"one": stack("org:a", "a")}), "whole stack"),
         (Allowance(stacks=("org:b",)), Start(stack_id="org:a"), 'the stack "org:a" is not allowed'),
         (
@@ -311,7 +317,7 @@ def test_a_namespace_is_created_where_the_job_names_it(agent: Agent) -> None:
     """With the first command, whose record comes before its deploy; not another one of `-n`."""
     agent.fake.store.objects.pop(ObjectRef("v1", "Namespace", "", "n"))
     elsewhere = Settings(rigelfile=agent.directory / "Rigelfile", namespace="other")
-    assert not Application(elsewhere, agent.report).creates_namespace()
+    assert not DeployedJob(elsewhere, agent.report).creates_namespace()
     with pytest.raises(NotFoundError):
         Memory(agent.fake, RELEASE).store(Record())  # type: ignore[arg-type]
     assert agent.run().submit(Start(stack_id="org:a")).succeeded

@@ -20,7 +20,7 @@ from rigel_muto.agent.protocols.exchange import Arrival, Dialect
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.wanted import Wanted
 from rigel_muto.execution.executor import Executor
-from rigel_muto.execution.target import Application
+from rigel_muto.execution.target import DeployedJob
 from tests.support.recorder import Recorder
 
 from . import test_ditto as ditto
@@ -290,5 +290,5 @@ def test_a_wrong_value_in_any_field_is_refused(agent: Agent, distro: str, stack:
     assert tried > 10
     assert agent.nodes == set()
     assert agent.states == [("", "idle")]
-    application = Application(Settings(rigelfile=agent.directory / "Rigelfile"), agent.report)
+    application = DeployedJob(Settings(rigelfile=agent.directory / "Rigelfile"), agent.report)
     application.prepare(Wanted(stack=json.dumps(stack)))  # as it is nothing is wrong with it

@@ -11,8 +11,8 @@ import pytest
 
 from rigel_k8s.rigelfile.source import Source
 from rigel_muto.agent.commands import Apply, ComponentState, Kill, Outcome, Stage
-from rigel_muto.agent.components import join
 from rigel_muto.agent.protocols.symphony import Symphony
+from rigel_muto.agent.wanted import join
 from rigel_muto.formats import list_stacks
 from rigel_muto.reading import read
 from tests.support.recorder import Recorder

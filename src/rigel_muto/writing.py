@@ -9,7 +9,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.distros import ROS2
+from rigel_k8s.distros import CURRENT, ROS2
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.rigelfile.source import strip_places
 from rigel_k8s.yaml_text import document
@@ -19,8 +19,8 @@ from rigel_muto.translation import Translation
 
 #: Used if no image is given; the user replaces it with the right one.
 PLACEHOLDER = "registry.example/robot:1"
-#: The ROS distributions for a stack that is for ROS 1, and for any other.
-LAST_ROS1, CURRENT = "noetic", "jazzy"
+#: The ROS distribution for a stack that is for ROS 1.
+LAST_ROS1 = "noetic"
 ASSUMED = (
     f"nothing in this stack says for which ROS it is: this is for ROS 2 ({CURRENT}), as Muto is"
     f" since 2022; for ROS 1, convert it with `--distro {LAST_ROS1}`"

@@ -10,6 +10,7 @@ import attrs
 
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.distros import CURRENT
 from rigel_k8s.errors import UserError
 from rigel_k8s.images.dockerfile import Recipe
 from rigel_k8s.option_text import text_of
@@ -18,9 +19,14 @@ from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.source import node_of
 from rigel_k8s.system.trees import File, Tree, write_tree
 from rigel_muto.archives import find_archive, translate_archive, unpack_archive
-from rigel_muto.converting import (
+from rigel_muto.opening import Find, open_stack
+from rigel_muto.options import Muto
+from rigel_muto.remarks import NotFound, Unreadable, list_findings, note
+from rigel_muto.stack import Stack
+from rigel_muto.translation import Translation, require_nodes, translate
+from rigel_muto.twin import Twin
+from rigel_muto.writing import (
     ASSUMED,
-    CURRENT,
     LAST_ROS1,
     SOURCES,
     Target,
@@ -29,13 +35,6 @@ from rigel_muto.converting import (
     write_building_rigelfile,
     write_rigelfile,
 )
-from rigel_muto.library import NotFound
-from rigel_muto.opening import Find, open_stack
-from rigel_muto.options import Muto
-from rigel_muto.remarks import Unreadable, list_findings, note
-from rigel_muto.stack import Stack
-from rigel_muto.translation import Translation, require_nodes, translate
-from rigel_muto.twin import Twin
 
 
 @attrs.frozen
@@ -86,7 +85,8 @@ def _convert(
     source: Muto, image: str | None = None, distro: str | None = None, *, builds: bool
 ) -> Converted:
     """Return a stack's Rigelfile; that of an archive only if it may have sources beside it."""
-    nothing = Source(source.stack, "")
+    name = str(source.stack)
+    nothing = Source(name, "")
     sources: Tree = {}
     try:
         stack, find = _open(source)
@@ -95,7 +95,7 @@ def _convert(
         if archive:
             sources = unpack_archive(archive)
             directory = Recipe(distro or CURRENT, base="", source_name=SOURCES).sources
-            key = name_release(source.stack, stack)
+            key = name_release(name, stack)
             made = translate_archive(archive, key, sources, directory, given)
         else:
             ros2 = None if distro is None else Target(image, distro).is_ros2
@@ -107,7 +107,7 @@ def _convert(
         raise problems_error(nothing, [error.remark.finding]) from error
     target = Target(image, distro or (LAST_ROS1 if made.ros2 is False else CURRENT))
     about = list_findings(made.remarks, strict=source.strict)
-    findings = sort_findings([*about, *_check(source.stack, stack, made, target)])
+    findings = sort_findings([*about, *_check(name, stack, made, target)])
     if any(finding.severity == "error" for finding in findings):
         raise problems_error(nothing, findings)
     if distro is None and made.ros2 is None and not archive:
@@ -115,7 +115,7 @@ def _convert(
         made = attrs.evolve(made, remarks=(assumed, *made.remarks))
         findings = (assumed.finding, *findings)
     compose = write_building_rigelfile if archive else write_rigelfile
-    text = compose(source.stack, stack, made, target)
+    text = compose(name, stack, made, target)
     return Converted(text, _render(nothing, findings), sources)
 
 

@@ -24,6 +24,9 @@ from rigel_k8s.rigelfile.fields import (
 HEAD = """# Options
 
 All options of the job types and providers of this package. This page is generated from the code.
+Examples are on the pages of the tasks: [nodes](nodes.md), [machines, devices and
+volumes](placement.md), [networks](networking.md), [security](security.md), [images](images.md),
+[the stack](observability.md), [Eclipse Muto](muto.md).
 """
 #: Where the name of a type ends and its explanation begins.
 EXPLANATION = re.compile(r"(?=: | such as | \()")
@@ -72,10 +75,11 @@ def _component(names: tuple[str, ...], cls: Any, types: Mapping[str, str]) -> It
     under = nesting_key(cls)
     if under:
         yield f"The keys are directly in `with`, or in `{under}` below it.\n"
-    yield _table(cls, types)
-    for path, inner in _find_inner(cls, "", {cls}):
-        yield f"#### {names[0]}: `{path}`\n"
-        yield _table(inner, types)
+    sections = {inner: f"{names[0]}: `{path}`" for path, inner in _find_inner(cls, "", {cls})}
+    yield _table(cls, types, sections)
+    for inner, title in sections.items():
+        yield f"#### {title}\n"
+        yield _table(inner, types, sections)
 
 
 def _find_inner(
@@ -100,18 +104,21 @@ def _classes(kind: Any, path: str) -> Iterator[tuple[str, type[Any]]]:
             yield from _classes(arguments[-1], f"{path}{step}")
 
 
-def _table(cls: type[Any], types: Mapping[str, str]) -> str:
+def _table(cls: type[Any], types: Mapping[str, str], sections: Mapping[type[Any], str]) -> str:
     head = ["| key | value | default | meaning |", "|---|---|---|---|"]
-    rows = [*head, *(_row(field, types) for field in _fields(cls))]
+    rows = [*head, *(_row(field, types, sections) for field in _fields(cls))]
     text = summary(cls)
     return "\n".join([*([f"{text}\n"] if text else []), *rows, ""])
 
 
-def _row(field: Field, types: Mapping[str, str]) -> str:
+def _row(field: Field, types: Mapping[str, str], sections: Mapping[type[Any], str]) -> str:
     names = " or ".join(f"`{key}`" for key in field.keys)
     value = describe_type(field.type)
     if value in types:
         value = f"[{types[value]}](#values)"
+    for _, inner in _classes(field.type, ""):
+        anchor = re.sub(r"[^\w -]", "", sections[inner].lower()).replace(" ", "-")
+        value = re.sub(r"^a (mapping|list)", rf"[\g<0>](#{anchor})", value)
     cells = [names, value, _default(field), field.doc]
     return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 

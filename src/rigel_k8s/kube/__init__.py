@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.objects.refs import Manifest, ObjectRef
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.settings import Settings
 
-__all__ = ["Cluster", "Manifest", "ObjectRef", "connect", "ref_of"]
+__all__ = ["Cluster", "Manifest", "ObjectRef", "connect"]
 
 
 def connect(settings: Settings) -> Cluster:

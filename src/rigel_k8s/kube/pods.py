@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import TYPE_CHECKING, BinaryIO
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.system.threads import aborting
@@ -14,6 +16,8 @@ from rigel_k8s.system.threads import aborting
 if TYPE_CHECKING:
     from rigel_k8s.kube.execution import ExecResult
     from rigel_k8s.kube.forwarding import Forward
+
+ANSWERS = 8  # durations of an answer: how long the end of a log may take
 
 
 class Pods:
@@ -65,14 +69,20 @@ class Pods:
         """Whether a container's log continues for some seconds; True if that is unknown.
 
         A log ends when its container ends. The pod's status still reports for a second or more that
-        the container runs; the log has the present answer of the container runtime.
-
-        Args:
-            seconds: at least; if an answer takes long, four times as long as one.
+        the container runs; the log has the present answer of the container runtime. A quiet
+        container's log and a slow machine both send nothing for a while: so the time of an answer
+        that certainly comes is measured first.
         """
-        from rigel_k8s.kube.following import goes_on
-
-        return goes_on(self.client, namespace, pod, container, seconds=seconds)
+        what = f"follow the log of Pod {namespace}/{pod}"
+        query = {"container": container, "tailLines": "0"}
+        ref = ObjectRef("v1", "Pod", namespace, pod)
+        url = self.client.path_of(ref, what, subresource="log", query=query)
+        with suppress(ClusterError):
+            started = time.monotonic()
+            self.client.raise_for(self.client.transport.request("GET", url, what), what)
+            patience = max(seconds, ANSWERS * (time.monotonic() - started))
+            return self.client.transport.goes_on(f"{url}&follow=true", patience)
+        return True
 
     def run(
         self,

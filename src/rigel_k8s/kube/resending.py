@@ -19,7 +19,6 @@ AWAY = 120.0  # seconds that long work waits for an unreachable server
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0
 SILENT = 1.0  # seconds of waiting that are not reported
 BUSY = frozenset({429, 500, 502, 503, 504})
-GATEWAY = frozenset({502, 503, 504})  # a proxy's statuses for an unreachable server
 
 
 @attrs.define

@@ -6,11 +6,10 @@ writes where no other pod reads. A profile that names its transports leaves shar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rigel_k8s.network.wiring import NetworkPlan
-from rigel_k8s.network.xml import document, element, leaf
 
 Variables = dict[str, dict[str, Any]]
 
@@ -140,3 +139,23 @@ def pinned_files(plan: NetworkPlan, interface: str) -> dict[str, str]:
     if uses(plan, "cyclonedds"):
         found[CYCLONE_FILE] = cyclone_config(interface)
     return found
+
+
+#: The little XML that the files need is made of lines.
+ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
+
+
+def leaf(name: str, text: str) -> list[str]:
+    """Return an element with a text."""
+    return [f"<{name}>{text.translate(ESCAPES)}</{name}>"]
+
+
+def element(name: str, *children: Sequence[str], attributes: str = "") -> list[str]:
+    """Return an element around others; without any, nothing."""
+    inside = [f"  {line}" for child in children for line in child]
+    return [f"<{name}{attributes}>", *inside, f"</{name}>"] if inside else []
+
+
+def document(lines: Iterable[str]) -> str:
+    """Return a whole file's text."""
+    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *lines, ""])

@@ -236,13 +236,6 @@ def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:
             report.line(f"removed the Lease of {holder(lease)}, which was interrupted")
 
 
-def bury_left(cluster: Cluster, release: ReleaseId, report: Reporter) -> None:
-    """Remove the Lease that a killed process of this machine left, if there is one."""
-    lease = cluster.get(lease_ref(release))
-    if lease is not None:
-        bury(cluster, lease, report)
-
-
 def remove(cluster: Cluster, lease: dict[str, Any]) -> bool:
     """Delete a Lease, and return whether it existed; Conflict if another process took it.
 

@@ -4,13 +4,10 @@ It is independent of job types and Kubernetes: option classes are passed in, and
 problems with paths, which are located in the text here.
 """
 
-from rigel_k8s.rigelfile.check import CheckResult, Resolve, check_file, load
+from rigel_k8s.rigelfile.check import CheckResult, check_file, load
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, place, problems_error, render
-from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.options import (
-    Preview,
-    Realised,
-    Rendered,
     merge_options,
     preview,
     realise,
@@ -24,13 +21,8 @@ from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure,
 
 __all__ = [
     "CheckResult",
-    "ComponentSpec",
     "Finding",
     "InvalidOptions",
-    "Preview",
-    "Realised",
-    "Rendered",
-    "Resolve",
     "Rigelfile",
     "Source",
     "Span",

@@ -15,8 +15,6 @@ from rigel_k8s.network.multus.proving import find_proven
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready, stays_ready
 
-Object = Mapping[str, Any]
-
 
 @attrs.frozen
 class PartStatus:

@@ -46,7 +46,6 @@ MENDED = (
     "multus-not-on-node",
     "multus-not-ready",
     "program-missing",
-    "dhcp-daemon",
     "unseen",
 )
 

@@ -7,7 +7,8 @@ line passes the API server.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
+from string import Template
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.podsecurity import pod_context
@@ -18,6 +19,7 @@ from rigel_k8s.observability.manifests.frame import (
     data_volume,
     http_probes,
     mount,
+    read_file,
     rule,
 )
 from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
@@ -34,8 +36,6 @@ DEFAULTS = {
     "requests": {"cpu": "50m", "memory": "128Mi"},
     "limits": {"memory": "512Mi"},
 }
-#: So that lines wait for weeks while Loki does not answer.
-RETRIES = 1_000_000
 
 
 def alloy(stack: Stack) -> Iterator[Object]:
@@ -54,96 +54,52 @@ def alloy(stack: Stack) -> Iterator[Object]:
 
 
 def configuration(stack: Stack) -> str:
-    """Return config.alloy: find pods, label them, read, join, level and send their lines."""
-    chosen = block("selectors", {"role": "pod", "label": RELEASE_LABEL})
-    selectors = [] if stack.options.collect == "all" else [chosen]
-    return "\n\n".join(
-        [
-            block("logging", {"level": "warn"}),
-            block("discovery.kubernetes", {"role": "pod"}, "pods", selectors),
-            block(
-                "discovery.relabel",
-                {"targets": Name("discovery.kubernetes.pods.targets")},
-                "pods",
-                [block("rule", one) for one in contract()],
-            ),
-            block(
-                "loki.source.kubernetes",
-                {
-                    "targets": Name("discovery.relabel.pods.output"),
-                    "forward_to": [Name("loki.process.pods.receiver")],
-                },
-                "pods",
-            ),
-            block(
-                "loki.process",
-                {"forward_to": [Name("loki.write.loki.receiver")]},
-                "pods",
-                list(_stages()),
-            ),
-            block("loki.write", {}, "loki", [_endpoint(stack)]),
-        ]
-    )
+    """Return config.alloy: find pods, label them, read, join, level and send their lines.
 
-
-class Name(str):
-    """A name in Alloy's language, which is written without quotes."""
-
-
-def block(
-    kind: str, values: Mapping[str, object], label: str = "", inner: Sequence[str] = ()
-) -> str:
-    """Return a block of Alloy's language."""
-    head = f'{kind} "{label}"' if label else kind
-    body = [f"{key} = {render_literal(value)}" for key, value in values.items()] + list(inner)
-    text = "\n".join(body).replace("\n", "\n  ")
-    return f"{head} {{\n  {text}\n}}" if body else f"{head} {{ }}"
-
-
-def render_literal(value: object) -> str:
-    """Return a value in Alloy's language: JSON, except for names and the `=` in objects."""
-    if isinstance(value, Name):
-        return str(value)
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {render_literal(v)}" for key, v in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(render_literal(item) for item in value) + "]"
-    return json.dumps(value)
-
-
-def _stages() -> Iterator[str]:
-    yield block("stage.replace", {"expression": lines.GOES_ON, "replace": lines.MARKED})
-    yield block(
-        "stage.multiline",
-        {
-            "firstline": lines.FIRST_LINE,
-            "max_wait_time": lines.WAIT,
-            "max_lines": lines.LONGEST,
-        },
-    )
-    yield block("stage.replace", {"expression": f"({lines.MARK})", "replace": ""})
-    for form in (*lines.LEVEL_FORMS, lines.TRACEBACK):
-        yield block("stage.regex", {"expression": form})
-    yield block("stage.template", {"source": "level", "template": lines.LEVEL_TEMPLATE})
-    yield block("stage.labels", {"values": {"level": ""}})
-    yield block("stage.label_keep", {"values": [*LABELS, "level"]})
-
-
-def _endpoint(stack: Stack) -> str:
-    loki = stack.other_loki
-    values: dict[str, object] = {
+    Its values are texts, numbers and lists as in JSON. A line waits for weeks while Loki does not
+    answer.
+    """
+    forms = (*lines.LEVEL_FORMS, lines.TRACEBACK)
+    values = {
+        "goes_on": lines.GOES_ON,
+        "marked": lines.MARKED,
+        "first_line": lines.FIRST_LINE,
+        "wait": lines.WAIT,
+        "longest": lines.LONGEST,
+        "mark": f"({lines.MARK})",
+        "level": lines.LEVEL_TEMPLATE,
+        "labels": [*LABELS, "level"],
         "url": f"{stack.loki_url}/loki/api/v1/push",
-        "max_backoff_period": "5s",
-        "max_backoff_retries": RETRIES,
     }
-    inner = []
+    chosen = block("selectors", 1, role='"pod"', label=json.dumps(RELEASE_LABEL))
+    text = Template(read_file("config.alloy")).substitute(
+        {name: json.dumps(value) for name, value in values.items()},
+        selectors="" if stack.options.collect == "all" else chosen,
+        rules="".join(
+            block("rule", 1, **{key: json.dumps(value) for key, value in one.items()})
+            for one in contract()
+        ),
+        forms="".join(block("stage.regex", 1, expression=json.dumps(form)) for form in forms),
+        login=_login(stack),
+    )
+    return text.rstrip("\n")
+
+
+def block(kind: str, depth: int, **values: str) -> str:
+    """Return a block of Alloy's language, with an end of line before it."""
+    end = "\n" + "  " * depth
+    return "".join([end, kind, " {", *(f"{end}  {k} = {v}" for k, v in values.items()), end, "}"])
+
+
+def _login(stack: Stack) -> str:
+    loki, text = stack.other_loki, ""
     if loki and loki.tenant:
-        values["tenant_id"] = loki.tenant
+        text += f"\n    tenant_id = {json.dumps(loki.tenant)}"
     if loki and loki.secret:
         # Its language cannot read a user's name from a file, so it is in the environment.
-        user = {"username": Name('sys.env("LOKI_USER")'), "password_file": f"{SECRET}/password"}
-        inner.append(block("basic_auth", user))
-    return block("endpoint", values, inner=inner)
+        password = json.dumps(f"{SECRET}/password")
+        text += block("basic_auth", 2, username='sys.env("LOKI_USER")', password_file=password)
+    return text
 
 
 def _pod(stack: Stack) -> Object:

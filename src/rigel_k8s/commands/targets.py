@@ -199,12 +199,12 @@ def find_release(
 
 
 def find_only(cluster: Cluster, settings: Settings) -> Release:
-    """Return the only release of the namespace. Raises UserError if there is none, or several."""
+    """Return the only release of the namespace. Raises UserError without one, or with several."""
     namespace = settings.namespace or cluster.namespace
     names = sorted({one.release.name for one in list_releases(cluster, namespace)})
     if len(names) == 1:
         return name_release(cluster, settings, names[0])
-    there = f"there are {', '.join(names)}" if names else "there is none"
+    there = f"there are {', '.join(names)}" if names else "none exists"
     raise UserError(
         f"{settings.rigelfile} does not exist, and no release is named: {there} in the namespace"
         f" {namespace}",

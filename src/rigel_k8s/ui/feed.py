@@ -93,7 +93,7 @@ class Page:
             self._behind = True
 
     def next(self, timeout: float) -> str | None:
-        """Return the next text; None if there is none within some seconds."""
+        """Return the next text; None if no text comes within some seconds."""
         if self._behind and self._queue.empty():
             self._behind = False
             return self._everything()

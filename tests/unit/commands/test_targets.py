@@ -205,7 +205,7 @@ def test_without_a_rigelfile_the_only_release_is_meant(
     monkeypatch.chdir(tmp_path)
     fake = FakeCluster()
     monkeypatch.setattr(targets, "connect", lambda _: fake)
-    with pytest.raises(UserError, match="no release is named: there is none in the namespace n"):
+    with pytest.raises(UserError, match="no release is named: none exists in the namespace n"):
         release(Settings(namespace="n"))
     deploy(Desired(ReleaseId("n", "one"), (), create_namespace=True), fake, report=Recorder())
     assert release(Settings(namespace="n")).id == ReleaseId("n", "one")

@@ -1,18 +1,21 @@
-"""Options that bring in another file: its values are theirs, with the places of that file."""
+"""A key that another package adds: the values of its file are options, with their places there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import attrs
 import pytest
 
+from rigel_k8s import installed
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import Rigelfile, check_file, load, preview, realise, render
-from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
+from rigel_k8s.rigelfile.expansion import Expanded, Extension, Surroundings
+from rigel_k8s.rigelfile.fields import Field
 from rigel_k8s.rigelfile.findings import Finding
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
@@ -47,11 +50,10 @@ def bring_in(node: YamlNode, surroundings: Surroundings) -> Expanded:
 class Wheel:
     """A wheel."""
 
-    expand: ClassVar[Callable[[YamlNode, Surroundings], Expanded]] = staticmethod(bring_in)
+    extended_by: ClassVar[str] = "test.options"
 
     name: str
     radius: float = 0.1
-    file: str | None = None
 
 
 class Job:
@@ -65,7 +67,12 @@ class Job:
 
 
 @pytest.fixture
-def rigelfile(tmp_path: Path) -> Path:
+def rigelfile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A Rigelfile, where a package is installed that adds `file` to Wheel."""
+    field = Field("file", "file", (), str, required=False, default=None, doc="")
+    entry = SimpleNamespace(name="file", value="", load=lambda: Extension(field, bring_in))
+    offered = {"test.options": (entry,)}
+    monkeypatch.setattr(installed, "list_entries", lambda group: offered.get(group, ()))
     (tmp_path / "sub").mkdir()
     (tmp_path / "Rigelfile").write_text(TEXT)
     return tmp_path / "Rigelfile"

@@ -237,24 +237,15 @@ class Participant:
         for change in changes:
             if guid[12:] == rtps.SPDP_WRITER:
                 self._take_announcement(guid[:12], change, "", now)
-            else:
-                self._take_change(guid, change)
-
-    def _take_change(self, guid: bytes, change: Change) -> None:
-        what = {
-            discovery.PUBLICATIONS_WRITER: self._take_writer,
-            discovery.SUBSCRIPTIONS_WRITER: self._take_reader,
-        }.get(guid[12:])
-        if what:
-            what(change)
-        elif not change.status:
-            self._take_nodes(guid[:12], change)
-
-    def _take_nodes(self, prefix: bytes, change: Change) -> None:
-        try:
-            self.peers[prefix].nodes = messages.nodes(change.payload)
-        except messages.Unreadable as cause:
-            raise rtps.Malformed(str(cause)) from cause
+            elif guid[12:] == discovery.PUBLICATIONS_WRITER:
+                self._take_writer(change)
+            elif guid[12:] == discovery.SUBSCRIPTIONS_WRITER:
+                self._take_reader(change)
+            elif not change.status:
+                try:
+                    self.peers[guid[:12]].nodes = messages.nodes(change.payload)
+                except messages.Unreadable as cause:
+                    raise rtps.Malformed(str(cause)) from cause
 
     def _take_reader(self, change: Change) -> None:
         if change.status:
@@ -302,7 +293,7 @@ class Participant:
             return
         for reader in [r for r in self._own_readers if names.topic_name(r.topic) == hearing.topic]:
             self._outgoing.drop(self._own_readers.pop(reader))
-            self._retract(reader)
+            self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
 
     def _match(self, writer: Endpoint) -> None:
         """Announce a reader for a writer, if its topic is subscribed to."""
@@ -339,9 +330,6 @@ class Participant:
         reader = wanted._replace(guid=self.own.prefix + entity)
         self._own_readers[reader] = self._publish(reader.guid, discovery.reader_payload(reader))
         return entity
-
-    def _retract(self, reader: Endpoint) -> None:
-        self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
 
     def _publish(self, guid: bytes, payload: bytes, *, is_gone: bool = False) -> int:
         """Announce a reader to all others; if it is lost, it is sent after the next heartbeat."""

@@ -71,7 +71,9 @@ class Ros1:
             view = await ask_master(self._uri, self._name)
         except CallFailed:
             return await self._ask_without_master()
-        names = self._choose_nodes(view)
+        # The expected ones first, then the others by name.
+        known = sorted(_hide_exporters(view.nodes), key=lambda n: (n not in self._first, n))
+        names = known[: self._most]
         await self._find(names, view)
         replies = await self._ask(names)
         later = await self._ask_again(view, replies)
@@ -94,12 +96,6 @@ class Ros1:
             traffic=self._ledger.totals(),
             master=Master(up=False),
         )
-
-    def _choose_nodes(self, view: View) -> list[str]:
-        """Return the nodes to export: the expected ones, then the others by name."""
-        return sorted(_hide_exporters(view.nodes), key=lambda n: (n not in self._first, n))[
-            : self._most
-        ]
 
     async def _find(self, names: Sequence[str], view: View) -> None:
         """Look up the addresses of nodes that are new, silent, or were not looked up lately."""
@@ -125,13 +121,11 @@ class Ros1:
                 place.pid = answer.pid
             elif not answer.answers:
                 place.asked = -math.inf  # it may have moved
-        for name in [n for n in replies if n not in names and not self._stays(n, replies[n])]:
-            del self._places[name]
+        for name in replies.keys() - set(names):
+            # Another node may answer at a node's old address.
+            if not replies[name].answers or replies[name].pid != self._places[name].pid:
+                del self._places[name]
         return replies
-
-    def _stays(self, name: str, replies: Replies) -> bool:
-        """Return whether the node that answers at a node's old address is still the same."""
-        return replies.answers and replies.pid == self._places[name].pid
 
     async def _ask_again(self, view: View, replies: Mapping[str, Replies]) -> View:
         """Return the master's state again if a node may have registered meanwhile."""

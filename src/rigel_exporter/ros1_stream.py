@@ -36,7 +36,8 @@ class Stream:
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
             _watch(self._socket)
-            self._socket.sendall(encode_header(_list_wishes(topic, caller)))
+            wishes = {"callerid": caller, "topic": topic, "md5sum": "*", "type": "*"}
+            self._socket.sendall(encode_header({**wishes, "tcp_nodelay": "0"}))
             fields = decode_header(self._read_exactly(min(self._length(), _LARGEST_HEADER)))
         except (OSError, ValueError) as error:
             raise StreamFailed(str(error)) from error
@@ -122,10 +123,6 @@ def _fields(data: bytes) -> Iterator[tuple[str, str]]:
             raise ValueError("it does not speak TCPROS")
         yield key, value
         at += 4 + size
-
-
-def _list_wishes(topic: str, caller: str) -> dict[str, str]:
-    return {"callerid": caller, "topic": topic, "md5sum": "*", "type": "*", "tcp_nodelay": "0"}
 
 
 def _watch(connection: socket.socket) -> None:

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from io import BytesIO
 from typing import Any, BinaryIO
 
 import attrs
@@ -52,24 +53,22 @@ def run(
         client, namespace, pod, command, container=container, stdin=stdin is not None, tty=False
     )
     deadline = time.monotonic() + timeout
-    output = {STDOUT: bytearray(), STDERR: bytearray()}
-    result: bytes | None = None
+    stdout, stderr = BytesIO(), BytesIO()
     with session:
         if stdin is not None:
-            send_all(session, stdin)
-        while (frame := session.receive(deadline - time.monotonic())) is not None:
-            channel, data = frame
-            if channel in output:
-                output[channel] += data
-            elif channel == RESULT:
-                result = data
+            for start in range(0, len(stdin), BLOCK):
+                session.send(STDIN, stdin[start : start + BLOCK])
+            end_of_input(session)
+        result = receive(session, stdout, stderr, deadline)
     if result is None and time.monotonic() >= deadline:
         raise ClusterError(
             f"{command[0]} in Pod {namespace}/{pod} did not end within {timeout:g} s",
-            details=bytes(output[STDERR] or output[STDOUT]).decode("utf-8", "replace").splitlines(),
+            details=(stderr.getvalue() or stdout.getvalue())
+            .decode("utf-8", "replace")
+            .splitlines(),
         )
     code = exit_code(result, namespace, pod)
-    return ExecResult(code, bytes(output[STDOUT]), bytes(output[STDERR]))
+    return ExecResult(code, stdout.getvalue(), stderr.getvalue())
 
 
 def exec_on(
@@ -88,20 +87,12 @@ def exec_on(
     session = open_session(
         client, namespace, pod, command, container=container, stdin=stdin is not None, tty=tty
     )
-    streams = {STDOUT: stdout, STDERR: stderr}
-    result: bytes | None = None
     terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
     pumping = threading.Thread(target=pump, args=(stdin, session), daemon=True)
     with session, terminal or nullcontext():
         if stdin is not None:
             pumping.start()
-        while (frame := session.receive(None)) is not None:
-            channel, data = frame
-            if channel in streams:
-                streams[channel].write(data)
-                streams[channel].flush()
-            elif channel == RESULT:
-                result = data
+        result = receive(session, stdout, stderr, None)
     if stdin is not None:
         pumping.join()  # after this no one reads the caller's stream
     return exit_code(result, namespace, pod)
@@ -132,11 +123,22 @@ def open_session(
     return connect(client, url, what, PROTOCOLS)
 
 
-def send_all(session: Websocket, data: bytes) -> None:
-    """Send the whole standard input and close it."""
-    for start in range(0, len(data), BLOCK):
-        session.send(STDIN, data[start : start + BLOCK])
-    end_of_input(session)
+def receive(
+    session: Websocket, stdout: BinaryIO, stderr: BinaryIO, deadline: float | None
+) -> bytes | None:
+    """Write a command's output until its session ends, and return what came of it, if anything."""
+    streams = {STDOUT: stdout, STDERR: stderr}
+    result = None
+    while True:
+        frame = session.receive(None if deadline is None else deadline - time.monotonic())
+        if frame is None:
+            return result
+        channel, data = frame
+        if channel in streams:
+            streams[channel].write(data)
+            streams[channel].flush()
+        elif channel == RESULT:
+            result = data
 
 
 def end_of_input(session: Websocket) -> None:

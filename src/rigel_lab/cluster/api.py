@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import urllib3
 from rigel_k8s.errors import ClusterError, ConflictError, LocalClusterError
 from rigel_k8s.kube import Cluster, Manifest, ObjectRef
 from rigel_k8s.kube.target import Credentials, Target
+from rigel_k8s.objects.facts import is_ready as is_ready_node
 from rigel_k8s.system.tls import trust
 from rigel_lab.cluster import k3s, kubeconfig
 from rigel_lab.cluster.components import KUBERNETES_VERSION
@@ -116,7 +117,7 @@ def find_ready_nodes(layout: Layout) -> set[str]:
     """Return the names of the nodes that the cluster reports as Ready."""
     with connect(layout) as cluster:
         nodes = cluster.nodes()
-    return {node["metadata"]["name"] for node in nodes if conditions(node).get("Ready") == "True"}
+    return {node["metadata"]["name"] for node in nodes if is_ready_node(node)}
 
 
 def wait_for_deployment(layout: Layout, namespace: str, name: str, seconds: float = 120) -> None:
@@ -147,9 +148,3 @@ def is_rolled_out(deployment: Manifest) -> bool:
     wanted = deployment["spec"]["replicas"]
     counts = (status.get(key, 0) for key in ("replicas", "updatedReplicas", "availableReplicas"))
     return all(count == wanted for count in counts)
-
-
-def conditions(item: Manifest) -> Mapping[str, str]:
-    """Return the conditions of an object's status: type -> status."""
-    found = (item.get("status") or {}).get("conditions") or []
-    return {each["type"]: each["status"] for each in found}

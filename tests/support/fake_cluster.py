@@ -268,7 +268,7 @@ class FakeCluster:
             theirs = {path for _, path in others}
             kept = ownership.record(entries, self.manager, "Apply", said, theirs, ref.api_version)
             still = {p for e in kept for p in ownership.paths(e["fieldsV1"])}
-            for path in before - still:
+            for path in sorted(before - still):  # an item as a whole before its parts
                 new = ownership.remove_leaf(new, path)
             new["metadata"]["managedFields"] = kept
             return self.write(what, ref, old, new, dry_run=dry_run)
@@ -436,6 +436,20 @@ class FakeCluster:
                 raise Killed
 
     # For tests.
+
+    def scale(self, ref: ObjectRef, replicas: int) -> Live:
+        """Write an object's `scale`, as `kubectl scale` and autoscalers do."""
+        what = f"scale {ref}"
+        with self.store.lock:
+            old = self.require(ref, what)
+            path: ownership.Path = ("f:spec", "f:replicas")
+            entries = old["metadata"].get("managedFields") or []
+            kept = ownership.record(entries, "", "", (), {path}, ref.api_version)
+            mine = ownership.record([], self.manager, "Update", {path}, (), ref.api_version)
+            new = clone(old)
+            new["spec"]["replicas"] = replicas
+            new["metadata"]["managedFields"] = [*kept, {**mine[0], "subresource": "scale"}]
+            return self.write(what, ref, old, new)
 
     def settle(self, steps: int = 50) -> None:
         """Let the controllers do all that they have to."""

@@ -161,7 +161,9 @@ def find_owned_paths(live: Mapping[str, Any], manager: str, operation: str) -> s
 
 
 def is_of(entry: Mapping[str, Any], manager: str, operation: str) -> bool:
-    return (entry["manager"], entry["operation"]) == (manager, operation)
+    """Whether an entry is of a manager's operation on the object itself, not on its `scale`."""
+    own = (entry["manager"], entry["operation"], entry.get("subresource", ""))
+    return own == (manager, operation, "")
 
 
 def conflicts(

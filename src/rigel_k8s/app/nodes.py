@@ -155,7 +155,7 @@ def node_deployment(
         node.name,
         pod_spec(around, node, command, plan, wired, way),
         strategy=way.strategy,
-        replicas=node.identity.replicas,
+        replicas=1 if name and options.replicas is None else node.identity.replicas,
         annotations=notes
         | ({SINGLETON_ANNOTATION: name} if name else {})
         | way.annotations(around),

@@ -105,8 +105,13 @@ def status_text(
     lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
     lines += gate_lines(gate, found) if gate is not None else ()
     reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
-    wrong = [part for part in (reasons, way_out(found)) if part]
-    return "\n\n".join([*parts, *(wrong or filter(None, [total(found)]))])
+    wrong = [part for part in (reasons, way_out(found)) if part] or [total(found)]
+    drift = "\n".join(
+        click.style(wrap(f"{w.name} {text}; `rigel run --adopt` undoes it", sys.stdout), fg=WARNING)
+        for w in found.workloads
+        for text in w.drift
+    )
+    return "\n\n".join(part for part in (*parts, *wrong, drift) if part)
 
 
 def total(found: ReleaseStatus) -> str:
@@ -127,7 +132,8 @@ def headline(found: ReleaseStatus) -> str:
         return f"{where}: no revision"
     state = {"good": "", "pending": " (not finished)"}
     suffix = state.get(found.revision_status, f" ({found.revision_status})")
-    return f"{where}, revision {found.revision}{suffix}"
+    old = f"; revision {found.good or 'before'} still runs" if found.keeps_old else ""
+    return f"{where}, revision {found.revision}{suffix}{old}"
 
 
 def rows_of(
@@ -135,20 +141,26 @@ def rows_of(
 ) -> Iterator[list[str]]:
     """Yield a row for each pod of a workload, or one row without a pod."""
     ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
-    name = [workload.name, ros_name, f"{workload.ready}/{workload.desired}"]
+    name = [workload.name, ros_name]
     for pod in workload.pods:
         on = pod.node or "-"
         place = [pod.name, on, *(cells(graph, pod.name) if graph is not None else ())]
-        yield [*name, *place, str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
+        rest = [str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
+        yield [*name, f"{int(pod.ready)}/1", *place, *rest]
     if not workload.pods:
-        yield [*name, *["-"] * (5 + (len(HEADS) if graph is not None else 0))]
+        none = ["-"] * (5 + (len(HEADS) if graph is not None else 0))
+        yield [*name, f"{workload.ready}/{workload.desired}", *none]
 
 
 def reasons_of(found: ReleaseStatus) -> Iterator[str]:
-    """Yield why something is not ready: of each workload, and additional reasons of its pods."""
+    """Yield why something is not ready, nodes with one cause together."""
+    alike: dict[str, list[str]] = {}
     for workload in found.workloads:
         if not workload.done and workload.message:
-            yield f"{workload.name}: {workload.message}"
+            alike.setdefault(workload.message, []).append(workload.name)
+    for message, names in alike.items():
+        yield f"{', '.join(names)}: {message}"
+    for workload in found.workloads:
         if not workload.done and (remedy := workload.annotations.get(REMEDY_ANNOTATION)):
             yield f"{workload.name}: {remedy}"
         stranded = (pod for pod in workload.pods if pod.phase == "Terminating" and pod.kind == AWAY)
@@ -205,6 +217,7 @@ def status_json(
         "namespace": found.release.namespace,
         "revision": found.revision,
         "revision_status": found.revision_status,
+        "good_revision": found.good,
         "ready": all(workload.ok for workload in found.workloads),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
@@ -222,5 +235,7 @@ def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
         "desired": workload.desired,
         "done": workload.done,
         "message": workload.message,
+        "old_runs": workload.old_runs,
+        "drift": list(workload.drift),
         "pods": [attrs.asdict(pod) for pod in workload.pods],
     }

@@ -69,6 +69,9 @@ def deployment(
     """
     secrets = [{"name": secret} for secret in around.pull_secrets]
     both = labels(name, around.release) | dict(own_labels or {})
+    # The last lines of a crashed container's log are in its pod's status.
+    last_words = {"terminationMessagePolicy": "FallbackToLogsOnError"}
+    pod = {**pod, "containers": [{**last_words, **one} for one in pod["containers"]]}
     template = {
         "metadata": drop_empty({"labels": both, "annotations": dict(pod_annotations or {})}),
         "spec": {

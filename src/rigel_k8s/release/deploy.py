@@ -343,12 +343,13 @@ def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
         choose_way_out(run, found),
         still_ours,
         run.away,
+        revisions.find_good(found.history),
     )
 
 
 def choose_way_out(run: Run, found: Survey) -> str:
     """Return what else to do after a deploy that failed or was interrupted."""
-    good = [record.number for record in found.history if record.status == "good"]
+    good = revisions.find_good(found.history)
     if run.back_to is None and good:
-        return f"`rigel rollback` goes back to revision {good[-1]}"
+        return f"`rigel rollback` goes back to revision {good}"
     return "`rigel status` shows its state"

@@ -56,14 +56,16 @@ def owns(value: object, fields: Mapping[str, Any]) -> bool:
 
 def owns_item(item: object, fields: Mapping[str, Any]) -> bool:
     """Whether a tree of fields contains one item of a list."""
-    if not isinstance(item, dict):
-        return any(k.startswith("v:") and json.loads(k[2:]) == item for k in fields)
-    for key, tree in fields.items():
-        if key.startswith("k:"):
-            names = json.loads(key[2:])  # may have defaults that the item leaves out
-            if all(item.get(name, value) == value for name, value in names.items()):
-                return owns(item, tree)
-    return False
+    return any(names_item(step, item) and owns(item, tree) for step, tree in fields.items())
+
+
+def names_item(step: str, item: object) -> bool:
+    """Whether a step of a path is that of an item of a list."""
+    kind, _, key = step.partition(":")
+    if kind == "k" and isinstance(item, dict):
+        names = json.loads(key)  # may have defaults that the item leaves out
+        return all(item.get(name, value) == value for name, value in names.items())
+    return kind == "v" and bool(json.loads(key) == item)
 
 
 def managers(live: Manifest) -> tuple[str, ...]:
@@ -113,9 +115,12 @@ def is_ours(entry: Mapping[str, Any]) -> bool:
 
 
 def is_other_tool(entry: Mapping[str, Any]) -> bool:
-    """Whether a record of ownership is of another tool (or of a person with kubectl)."""
+    """Whether a record of ownership is of another tool (or of a person with kubectl).
+
+    `kubectl scale` writes a part of the object, its `scale`; a status is written by controllers.
+    """
     return (
         not is_ours(entry)
-        and not entry.get("subresource")
+        and entry.get("subresource", "") in ("", "scale")
         and not str(entry.get("manager", "")).startswith(CONTROLLERS)
     )

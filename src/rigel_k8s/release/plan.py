@@ -41,7 +41,7 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
         raise result  # `verdict.check` comes first and explains it
     if live is None or live["metadata"].get("deletionTimestamp"):
         return Step("create", ref, manifest, live, result or manifest)
-    if is_unchanged(manifest, live) or (result is not None and is_same(live, result)):
+    if is_unchanged(manifest, live) if result is None else is_same(live, result):
         return Step("keep", ref, manifest, live, live)
     replaces = result is not None and not result["metadata"].get("resourceVersion")
     return Step("change", ref, manifest, live, result, replaces=replaces)

@@ -83,6 +83,11 @@ def records(cluster: Cluster, release: ReleaseId) -> list[Record]:
     return sorted((Record(release, s) for s in secrets), key=lambda record: record.number)
 
 
+def find_good(kept: Iterable[Record]) -> int:
+    """Return the number of the newest revision that became ready, 0 if none did."""
+    return max((record.number for record in kept if record.status == "good"), default=0)
+
+
 def create(cluster: Cluster, revision: Revision) -> None:
     """Write a new record; Conflict where another run has written this number."""
     cluster.create(encode(revision))

@@ -15,6 +15,7 @@ from rigel_k8s.objects.facts import is_ending, is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
+from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.rollout.causes import Cause, causes, containers, probe_failure
@@ -71,6 +72,8 @@ class WorkloadStatus:
 
     Attributes:
         kinds: the kinds of the causes that `message` names (rollout/causes.py).
+        drift: what others have changed in it, a sentence's end for each of them (drift.py).
+        old_runs: its update is not complete, and pods of the version before it do its work.
     """
 
     kind: str
@@ -82,6 +85,8 @@ class WorkloadStatus:
     pods: tuple[PodStatus, ...]
     annotations: Mapping[str, str] = attrs.field(factory=dict)
     kinds: tuple[str, ...] = ()
+    drift: tuple[str, ...] = ()
+    old_runs: bool = False
 
     @property
     def ok(self) -> bool:
@@ -96,12 +101,19 @@ class ReleaseStatus:
     Attributes:
         revision: the newest revision's number, 0 if it has none.
         revision_status: its status, "" if it has none, UNSEEN if we may not see revisions.
+        good: the number of the newest revision that became ready, 0 if none is known.
     """
 
     release: ReleaseId
     revision: int
     revision_status: str
     workloads: tuple[WorkloadStatus, ...]
+    good: int = 0
+
+    @property
+    def keeps_old(self) -> bool:
+        """Whether an update has failed and the version before still does the work."""
+        return any(workload.old_runs and workload.kinds for workload in self.workloads)
 
 
 def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
@@ -146,6 +158,7 @@ def describe_release(
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
         ),
+        revisions.find_good(records or ()),
     )
 
 
@@ -208,6 +221,8 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
         tuple(describe_pod(pod, around.list_events(pod)) for pod in sorted(pods, key=newest_first)),
         live["metadata"].get("annotations") or {},
         tuple(cause.kind for cause in wrong),
+        tuple(describe_drift(live)),
+        state.old_runs,
     )
 
 

@@ -19,6 +19,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.drift import find_drift, remove_drift
 from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.order import PROTECTED
@@ -100,11 +101,20 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         last = history[-1].revision() if history else None
         live |= find_left_over(cluster, live, manifests, last)
         gone = choose_gone(live, manifests, last)
-        candidates = [m for m in manifests if not is_unchanged(m, live.get(ref_of(m)))]
+        candidates = [
+            m
+            for m in manifests
+            if not is_unchanged(m, there := live.get(ref_of(m)))
+            or (adopt and there is not None and find_drift(there))
+        ]
         foreseen = Foreseen()
         if candidates or gone or last is None or last.status != "good":
             work = Work(desired, manifests, candidates, live, gone, namespace)
             foreseen = foresee(cluster, work, adopt=adopt)
+            if adopt:
+                results = foreseen.results.items()
+                left = {ref: r if isinstance(r, Refusal) else remove_drift(r) for ref, r in results}
+                foreseen = attrs.evolve(foreseen, results=left)
         live |= find_strangers(cluster, live, foreseen.results)
     return Survey(desired, manifests, live, foreseen, namespace, history, last, lease)
 

@@ -18,6 +18,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.deploy import Look, Run, carry_out, look
+from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.locking import bury
 from rigel_k8s.release.refusals.verdict import Refused
@@ -215,7 +216,18 @@ def look_at_part(
     if errors:
         raise combine(errors)
     [looked] = found
-    return PartLook(part, looked, inspection.warnings)
+    drift = [] if options.adopt and part.adopt else list_drift(looked.plan)
+    return PartLook(part, looked, (*inspection.warnings, *drift))
+
+
+def list_drift(plan: Plan) -> list[str]:
+    """Return what others have added to a release's objects, which a deploy leaves there."""
+    return [
+        f"{step.ref.kind} {step.ref.name} {text}; --adopt undoes it"
+        for step in plan.steps
+        if step.live and step.manifest
+        for text in describe_drift(step.live)
+    ]
 
 
 def if_allowed(build: Callable[[], Part], name: str, report: Reporter) -> list[Part]:

@@ -204,6 +204,7 @@ class Live:
                 crashed=ref_of(item) in unsteady,
                 machine=str(self._nodes.get(workload.name, {}).get("machine", "")),
                 rolling=rolling,
+                good=found.good,
             )
             for workload, item, pods in zip(found.workloads, items, newest, strict=True)
         }

@@ -20,8 +20,10 @@ from rigel_k8s.release.status import AWAY, PodStatus, ReleaseStatus, WorkloadSta
 
 #: The states, the worst first.
 CRASHED, BLOCKED, UNREACHABLE = "crashed", "blocked", "unreachable"
+#: Its update has failed, and the version before still runs.
+OUTDATED = "outdated"
 UNREADY, STARTING, STOPPED, READY = "unready", "starting", "stopped", "ready"
-STATES = (CRASHED, BLOCKED, UNREACHABLE, UNREADY, STARTING, STOPPED, READY)
+STATES = (CRASHED, BLOCKED, UNREACHABLE, OUTDATED, UNREADY, STARTING, STOPPED, READY)
 #: Kinds of causes (release/rollout/causes.py) that mean that a container has ended.
 ENDED = frozenset({"crash", "restarted", "failed", "evicted"})
 
@@ -33,6 +35,7 @@ def node_entry(
     crashed: bool = False,
     machine: str = "",
     rolling: bool = False,
+    good: int = 0,
 ) -> dict[str, Any]:
     """Return what a page shows of a node.
 
@@ -41,9 +44,12 @@ def node_entry(
         crashed: a container has ended a few seconds ago, even if it runs again.
         machine: where it was last, for the moment in which no pod has a machine.
         rolling: a roll-out is in progress, so pods that were never ready are expected.
+        good: the newest revision that became ready, 0 if none is known.
     """
     state = find_state(workload, pods, crashed=crashed, rolling=rolling)
     causes = find_causes(workload, pods, state)
+    if state == OUTDATED and good:
+        causes[0] = f"revision {good} still runs"
     living = [pod for pod in workload.pods if pod.phase != "Terminating"]
     return {
         "name": workload.annotations.get(ROS_NAME_ANNOTATION) or workload.name,
@@ -87,6 +93,8 @@ def find_state(
 ) -> str:
     """Return the state of a node: the worst that is true of it."""
     kinds = set(workload.kinds)
+    if workload.old_runs and (crashed or kinds):
+        return OUTDATED
     if crashed or kinds & ENDED:
         return CRASHED
     if workload.done:

@@ -39,7 +39,7 @@ LISTENER = WorkloadStatus(
     0,
     1,
     False,
-    "0 of 1 ready; container ros-node exited with code 1, restarted 3 times",
+    "0 of 1 ready; container ros-node exited with code 1",
     (
         PodStatus(
             "listener-2",
@@ -85,9 +85,9 @@ def test_status_for_people() -> None:
         "talker    /talker   1/1    talker-1    node1  0         2m   r/t:1\n"
         "camera    -         0/1    -           -      -         -    -\n"
         "\n"
-        "listener: 0 of 1 ready; container ros-node exited with code 1, restarted 3 times\n"
-        "listener-2: Readiness probe failed: no ROS node of this pod is registered\n"
-        "camera: no pod can be made: quota"
+        "listener: 0 of 1 ready; container ros-node exited with code 1\n"
+        "camera: no pod can be made: quota\n"
+        "listener-2: Readiness probe failed: no ROS node of this pod is registered"
     )
 
 
@@ -178,6 +178,7 @@ def test_status_for_scripts() -> None:
         "namespace": "robots",
         "revision": 3,
         "revision_status": "good",
+        "good_revision": 0,
         "ready": True,
         "graph": None,
         "gate": None,
@@ -191,6 +192,8 @@ def test_status_for_scripts() -> None:
         "desired": 1,
         "done": True,
         "message": "1 of 1 ready",
+        "old_runs": False,
+        "drift": [],
     }
     assert pod == {
         "name": "talker-1",

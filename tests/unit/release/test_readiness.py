@@ -148,12 +148,12 @@ def test_a_program_that_cannot_be_started_has_one_cause() -> None:
         (
             container(waiting("CrashLoopBackOff"), lastState=ended(0, "Completed"), restartCount=4),
             "crash",
-            "exited with code 0, restarted 4 times",
+            "exited with code 0",
         ),
         (
             container({"running": {}}, lastState=ended(1), restartCount=1),
             "restarted",
-            "restarted 1 time",
+            "exited with code 1",
         ),
         ({"phase": "Failed", "reason": "Evicted", "message": "disk"}, "evicted", "disk"),
         (

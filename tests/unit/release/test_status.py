@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import click
 import pytest
 
-from rigel_k8s.release.status import AWAY, describe_pod
+from rigel_k8s.cli.tables import status_text
+from rigel_k8s.errors import RolloutFailed
+from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout.patience import Patience
+from rigel_k8s.release.status import AWAY, describe_pod, status
+from tests.support.controllers import Controllers, running
+from tests.support.fake_cluster import FakeCluster
+from tests.support.manifests import RELEASE, desired, ref, workload
+from tests.support.releases import deploy
 
 UNREADY = {"type": "Ready", "status": "False"}
 POD: dict[str, Any] = {
@@ -58,3 +67,97 @@ def test_a_lost_machine_is_told_from_what_its_kubelet_says(
     assert ("cannot reach the machine robot-1" in found.message) is (kind == AWAY)
     ending = {**pod, "metadata": {**POD["metadata"], "deletionTimestamp": "2026-01-01T00:00:00Z"}}
     assert describe_pod(ending, []).message.endswith("cannot be ended") is (kind == AWAY)
+
+
+WORDS = "[rospack] Error: package 'bott' not found"
+
+
+def rolling(name: str, image: str) -> dict[str, Any]:
+    made = workload(name, image=image)
+    made["spec"]["strategy"] = {"type": "RollingUpdate"}
+    return made
+
+
+def crash_new(pod: dict[str, Any]) -> dict[str, Any]:
+    """Let the pods of app:2 crash, and those of app:1 run."""
+    if pod["spec"]["containers"][0]["image"] == "app:1":
+        return running(pod)
+    ended = {"terminated": {"exitCode": 1, "reason": "Error", "message": f"{WORDS}\n"}}
+    waits = {"waiting": {"reason": "CrashLoopBackOff"}}
+    container = {"name": "node", "ready": False, "state": waits, "lastState": ended}
+    return {
+        "phase": "Running",
+        "conditions": [UNREADY],
+        "containerStatuses": [{**container, "restartCount": len(pod["metadata"]["name"])}],
+    }
+
+
+@pytest.fixture
+def failed(fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch) -> RolloutFailed:
+    """The error of an update of two nodes whose new pods crash, for one reason."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    fake.store.controllers = Controllers(crash_new)
+    names = ("driver", "filtered")
+    deploy(desired(*(rolling(name, "app:1") for name in names)), fake, report=report)
+    hasty = Patience(crash=0.1, crash_limit=0.2)
+    new = desired(*(rolling(name, "app:2") for name in names))
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(new, fake, report=report, patience=hasty, timeout=30)
+    return caught.value
+
+
+def test_a_failed_update_names_what_still_runs_first(failed: RolloutFailed) -> None:
+    """Then the nodes that have one cause, with its words, once."""
+    assert failed.message == (
+        "the old version still runs (revision 1); driver, filtered did not become ready: "
+        f"container node exited with code 1 ({WORDS})"
+    )
+    assert failed.details == ("    last words",)
+
+
+def test_the_status_of_a_failed_update_is_as_good_as_the_robot(
+    fake: FakeCluster, failed: RolloutFailed
+) -> None:
+    """READY is each pod's; the version that runs comes first, and one cause is one line."""
+    text = click.unstyle(status_text(status(fake, RELEASE)))  # type: ignore[arg-type]
+    head, table, reason = text.split("\n\n")
+    assert head.endswith("revision 2 (failed); revision 1 still runs")
+    rows = [line.split() for line in table.splitlines()[1:]]
+    assert sorted((row[2], row[5] != "0") for row in rows) == [
+        ("0/1", True),
+        ("0/1", True),
+        ("1/1", False),
+        ("1/1", False),
+    ]
+    assert reason == (
+        "driver, filtered: 0 of 1 new pod ready, the old version still runs; "
+        f"container node exited with code 1 ({WORDS})"
+    )
+
+
+@pytest.mark.parametrize(
+    ("message", "shown"),
+    [
+        ("Startup probe errored and resulted in unknown state: rpc error: code = Unknown desc = "
+         "failed to exec in container: container is in CONTAINER_EXITED state", False),
+        ("Startup probe errored: exec: no running task found: task 1 not found", False),
+        ("Startup probe failed: /talker is not registered", True),
+    ],
+)  # fmt: skip
+def test_a_probe_of_a_container_that_has_exited_says_nothing(message: str, shown: bool) -> None:  # noqa: FBT001
+    event = {"reason": "Unhealthy", "message": message, "involvedObject": {"uid": "u"}}
+    assert describe_pod(POD, [event]).message == (message if shown else "")
+
+
+def test_drift_is_a_line_of_the_status(fake: FakeCluster, report: Any) -> None:
+    """Not a failure: the robot runs."""
+    made = workload()
+    del made["spec"]["replicas"]
+    deploy(desired(made), fake, report=report)
+    fake.as_manager("kubectl").scale(ref("Deployment", "talker"), 2)
+    fake.settle()
+    found = status(fake, RELEASE)  # type: ignore[arg-type]
+    assert [w.ok for w in found.workloads] == [True]
+    assert click.unstyle(status_text(found)).endswith(
+        "1 of 1 ready\n\ntalker was changed by kubectl: replicas 2; `rigel run --adopt` undoes it"
+    )

@@ -88,9 +88,22 @@ def test_a_crashed_node_has_its_last_words() -> None:
         deployment(), [pod({"containerStatuses": [{**ended, "lastState": {"terminated": ENDED}}]})]
     )
     assert found["state"] == "crashed"
-    words = "container node exited with code 3 (no camera), restarted 2 times"
+    words = "container node exited with code 3 (no camera)"
     assert found["cause"] == f"0 of 1 ready; {words}", "once"
     assert found["brief"] == words, "what has little room begins with the cause"
+
+
+def test_a_node_whose_update_fails_is_not_crashed() -> None:
+    """The version before still runs: the page says which one, and why the new one does not."""
+    ended = {**RUNS, "state": {"waiting": {"reason": "CrashLoopBackOff"}}, "restartCount": 2}
+    live = deployment(available=1)
+    live["status"] |= {"replicas": 2, "updatedReplicas": 1}
+    pods = [pod({"containerStatuses": [{**ended, "lastState": {"terminated": ENDED}}]})]
+    found = entry(live, pods, good=3)
+    assert found["state"] == "outdated"
+    words = "container node exited with code 3 (no camera)"
+    assert found["cause"] == f"revision 3 still runs; {words}"
+    assert found["brief"] == words
 
 
 def test_a_node_that_runs_again_stays_crashed_for_a_while() -> None:
@@ -99,7 +112,7 @@ def test_a_node_that_runs_again_stays_crashed_for_a_while() -> None:
     pods = [pod({"containerStatuses": [again]}, ready="True")]
     found = entry(deployment(available=1), pods, crashed=True)
     assert found["state"] == "crashed"
-    assert found["brief"] == "container node exited with code 3 (no camera), restarted 1 time"
+    assert found["brief"] == "container node exited with code 3 (no camera)"
     assert found["cause"] == f"it runs again; {found['brief']}"
     assert entry(deployment(available=1), pods)["state"] == "ready"
 

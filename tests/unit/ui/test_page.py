@@ -18,7 +18,7 @@ from tests.support.page import Served, fill, node, serve_page, topic
 
 WIDE, NARROW = (1440, 900), (390, 800)
 SMALLEST = 11.5  # pixels of a text that is read without effort
-CAUSE = "container ros-node exited with code 3 (no device), restarted 2 times"
+CAUSE = "container ros-node exited with code 3 (no device)"
 ROBOT = [
     node("/lidar"),
     node("/imu", "crashed", cause=CAUSE),

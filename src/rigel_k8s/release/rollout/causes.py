@@ -13,11 +13,10 @@ import attrs
 
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.text import plural
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
-#: Characters of a container's message at its end; Kubernetes keeps 4096 bytes.
+#: Characters of a container's last words; Kubernetes keeps its message or the end of its log.
 LONGEST_MESSAGE = 300
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
 EVENTS = {
@@ -30,6 +29,8 @@ EVENTS = {
 #: A busy kubelet that has not yet read the pod's ConfigMaps and Secrets reports this and tries
 #: again. One that does not exist is reported as "not found".
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
+#: What a runtime says of a probe in a container that has exited.
+EXITED = re.compile(r"CONTAINER_EXITED|no running task|container is not running")
 
 
 @attrs.frozen
@@ -216,16 +217,13 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
         and not container.get("restartCount")
     ):
         return
-    restarts, own = int(container.get("restartCount", 0)), container["name"]
-    up = "running" in state
+    own, up = container["name"], "running" in state
     if ended.get("reason") == "StartError" and not up:
         yield never_started(pod, own, ended.get("message") or "")
         return
-    times = f", restarted {plural(restarts, 'time')}" if restarts else ""
-    message = f"container {own} {exit_words(ended)}{times}"
-    yield Cause(
-        "restarted" if up else "crash", message, pod, own, previous=not state.get("terminated")
-    )
+    # Without the number of restarts: nodes that fail alike have one message.
+    message, kind = f"container {own} {exit_words(ended)}", "restarted" if up else "crash"
+    yield Cause(kind, message, pod, own, previous=not state.get("terminated"))
 
 
 def exit_words(ended: Mapping[str, Any]) -> str:
@@ -235,7 +233,8 @@ def exit_words(ended: Mapping[str, Any]) -> str:
         return f"ran out of memory (OOMKilled, exit code {code}): raise its memory limit"
     signal = f", killed by signal {code - 128}" if code and code > 128 else ""
     own = " ".join((ended.get("message") or "").split())
-    return f"exited with code {code}{signal}" + (f" ({own[:LONGEST_MESSAGE]})" if own else "")
+    last = f"…{own[-LONGEST_MESSAGE:]}" if len(own) > LONGEST_MESSAGE else own
+    return f"exited with code {code}{signal}" + (f" ({last})" if last else "")
 
 
 def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
@@ -257,8 +256,13 @@ def is_past_mounts(container: Mapping[str, Any]) -> bool:
 
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:
-    """Return the output of the last failed probe of a pod, "" if none failed."""
-    failed = [e for e in find_events(pod, events) if e["reason"] in ("Unhealthy", "ProbeWarning")]
+    """Return the output of the last probe of a pod that failed while it ran, "" if none did."""
+    failed = [
+        event
+        for event in find_events(pod, events)
+        if event["reason"] in ("Unhealthy", "ProbeWarning")
+        and not EXITED.search(event.get("message") or "")
+    ]
     failed.sort(key=lambda event: str(event.get("lastTimestamp") or event.get("eventTime") or ""))
     return " ".join(str(failed[-1].get("message", "")).split()) if failed else ""
 

@@ -19,13 +19,18 @@ UNSEEN = "its controller has not seen the change yet"
 
 @attrs.frozen
 class ObjectReadiness:
-    """The state of an object; `ready` and `wanted` count pods if the kind has some."""
+    """The state of an object; `ready` and `wanted` count pods if the kind has some.
+
+    Attributes:
+        old_runs: pods of the version before do the work until new ones are ready.
+    """
 
     done: bool
     ok: bool
     message: str
     ready: int = 0
     wanted: int = 0
+    old_runs: bool = False
 
 
 def going(message: str, ready: int = 0, wanted: int = 0) -> ObjectReadiness:
@@ -91,8 +96,12 @@ def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
     ready = min(int(status.get("availableReplicas", 0)), wanted)
     if updated < wanted:
         return going(f"{updated} of {wanted} pods are new", 0, wanted)
-    if int(status.get("replicas", 0)) > updated:
-        return going(f"{status['replicas'] - updated} old pods are still ending", ready, wanted)
+    if old := max(int(status.get("replicas", 0)) - updated, 0):  # those that end do not count
+        new = max(ready - old, 0)
+        message = f"{new} of {wanted} new {'pod' if wanted == 1 else 'pods'} ready"
+        if ready:
+            message += ", the old version still runs"
+        return ObjectReadiness(False, True, message, ready, wanted, old_runs=bool(ready))
     if int(status.get("terminatingReplicas") or 0) and wanted == 0:
         return going("its pods are still ending", 0, 0)
     if ready < wanted:

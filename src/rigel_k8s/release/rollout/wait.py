@@ -59,6 +59,7 @@ class Waiter:
         way_out: what to do after a failure, as a sentence.
         still_ours: raises if the deploy must not continue (its Lease is lost).
         away: the names of the machines whose pods are not waited for.
+        good: the revision before, which became ready; 0 for none.
         noted: the present causes as lines. They are part of the error if the roll-out fails, and
             are reported otherwise.
     """
@@ -72,6 +73,7 @@ class Waiter:
     way_out: str
     still_ours: Callable[[], None]
     away: frozenset[str] = frozenset()
+    good: int = 0
     ledger: Ledger = attrs.field(init=False)
     states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
@@ -302,20 +304,32 @@ class Waiter:
 
     def failure(self, hopeless: Sequence[Seen]) -> RolloutFailed:
         """Return the error for causes that will not go away; nodes often share an image."""
-        first, known = hopeless[0], list(self.ledger.seen.values())
-        what = first.cause.message
-        alike = [s for s in known if s.cause.message == what and s.cause.kind not in LOGGED]
-        names = ", ".join(dict.fromkeys(seen.ref.name for seen in (*hopeless, *alike)))
-        others = [seen for seen in known if seen is not first and seen not in alike]
+        first, what = hopeless[0], hopeless[0].cause.message
+        known = list(self.ledger.seen.values())
+        others = [seen for seen in known if seen.cause.message != what]
+        failed = list(dict.fromkeys(seen.ref for seen in (*hopeless, *known) if seen not in others))
+        names = ", ".join(ref.name for ref in failed)
         return RolloutFailed(
-            f"{names} did not become ready: {what}",
+            f"{self.name_survivor(failed)}{names} did not become ready: {what}",
             hint=self.hint(first.ref, first.cause.kind),
-            details=[*self.log_of(first), *(line for seen in others for line in self.lines(seen))],
+            details=[*self.log_of(first), *self.list_causes(others)],
         )
 
-    def lines(self, seen: Seen) -> list[str]:
-        """Return a cause as lines."""
-        return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
+    def name_survivor(self, failed: Iterable[ObjectRef]) -> str:
+        """Return the beginning of a failure: that the version before still does the work."""
+        number = f" (revision {self.good})" if self.good else ""
+        if all(ref in self.states and self.states[ref].old_runs for ref in failed):
+            return f"the old version still runs{number}; "
+        return ""
+
+    def list_causes(self, seen: Iterable[Seen]) -> Iterator[str]:
+        """Yield causes as lines, each once with the names of all that have it."""
+        alike: dict[str, list[Seen]] = {}
+        for one in seen:
+            alike.setdefault(one.cause.message, []).append(one)
+        for message, found in alike.items():
+            yield f"{', '.join(one.ref.name for one in found)}: {message}"
+            yield from self.log_of(found[0])
 
     def timeout_error(self, view: ReleaseView, targets: Targets) -> RolloutFailed:
         """Return the error for a roll-out that took too long."""
@@ -326,10 +340,11 @@ class Waiter:
             failures = [probe_failure(pod, around.list_events(pod)) for pod in pods]
             state = self.states[ref].message if ref in self.states else "not seen"
             lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
-        lines += [line for seen in self.ledger.seen.values() for line in self.lines(seen)]
+        lines += self.list_causes(self.ledger.seen.values())
         names = ", ".join(ref.name for ref in late)
+        many = f"{len(late)} of {len(targets)} not ready within {self.timeout:g} s"
         return RolloutFailed(
-            f"{len(late)} of {len(targets)} not ready within {self.timeout:g} s: {names}",
+            f"{self.name_survivor(late)}{many}: {names}",
             hint=self.hint(late[0]) if late else None,
             details=lines,
         )

@@ -6,6 +6,7 @@ export const STATES = {
   crashed: { words: "crashed", path: "M2 2 10 10 M10 2 2 10", line: true },
   blocked: { words: "cannot start", path: "M2 2H10V10H2Z" },
   unreachable: { words: "machine unreachable", path: "M6 1A5 5 0 1 1 5.9 1 M2.5 9.5 9.5 2.5", line: true },
+  outdated: { words: "update failed", path: "M6 0.5 11.5 6 6 11.5 0.5 6Z M6 4V8", line: true },
   unready: { words: "not ready", path: "M6 1 11 11H1Z" },
   starting: { words: "starting", path: "M6 1A5 5 0 0 1 6 11Z", ring: true },
   stopped: { words: "stopped", path: "M2 2H5V10H2Z M7 2H10V10H7Z" },

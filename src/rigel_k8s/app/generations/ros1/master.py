@@ -141,6 +141,7 @@ def master_deployment(
         MASTER_NAME,
         pod,
         strategy={"type": "Recreate"},
+        replicas=1,
         annotations={
             SINGLETON_ANNOTATION: ROSOUT,
             FIRST_ANNOTATION: "true",

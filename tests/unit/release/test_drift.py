@@ -1,0 +1,105 @@
+"""What others add to our objects: named, left there, and removed by --adopt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ConflictError
+from rigel_k8s.release import together
+from rigel_k8s.release.deploy import diff
+from rigel_k8s.release.drift import describe_drift
+from rigel_k8s.release.types import DeployOptions
+from tests.support.fake_cluster import FakeCluster
+from tests.support.manifests import config, desired, ref, workload
+from tests.support.releases import deploy
+
+TALKER = ref("Deployment", "talker")
+
+
+def anonymous() -> dict[str, Any]:
+    """Return the Deployment of a node without a number of pods: others may set it."""
+    made = workload()
+    del made["spec"]["replicas"]
+    return made
+
+
+def set_env(fake: FakeCluster, name: str, value: str) -> None:
+    """Do as `kubectl set env`."""
+    live = fake.objects[TALKER]
+    [container] = live["spec"]["template"]["spec"]["containers"]
+    env = [e for e in container.get("env", ()) if e["name"] != name]
+    changed = {**container, "env": [*env, {"name": name, "value": value}]}
+    body = {"spec": {"template": {"spec": {"containers": [changed]}}}}
+    fake.as_manager("kubectl-set").patch(TALKER, body)
+
+
+def warn(fake: FakeCluster, report: Any, wanted: Any) -> list[str]:
+    [look] = together.look_at([together.Part(desired=wanted)], fake, DeployOptions(report=report))
+    assert look.plan.changes == ()
+    return list(look.warnings)
+
+
+def test_what_others_add_is_named(fake: FakeCluster, report: Any) -> None:
+    """An item of a list, a count of pods; by whom. Nothing is written, nothing is tried."""
+    wanted = desired(anonymous(), config(k="1"))
+    deploy(wanted, fake, report=report)
+    set_env(fake, "FOO", "bar")
+    fake.as_manager("kubectl").scale(TALKER, 2)
+    fake.as_manager("kubectl-edit").patch(ref("ConfigMap", "c"), {"data": {"more": "2"}})
+    fake.calls.clear()
+    assert warn(fake, report, wanted) == [
+        "ConfigMap c was changed by kubectl-edit: data more; --adopt undoes it",
+        "Deployment talker was changed by kubectl-set: env FOO; --adopt undoes it",
+        "Deployment talker was changed by kubectl: replicas 2; --adopt undoes it",
+    ]
+    assert {verb for verb, _ in fake.calls} <= {"get", "list"}
+
+
+def test_adopt_removes_what_others_have_added(fake: FakeCluster, report: Any) -> None:
+    """What `diff --adopt` shows; then nothing is left to do."""
+    wanted = desired(anonymous(), config(k="1"))
+    deploy(wanted, fake, report=report)
+    set_env(fake, "FOO", "bar")
+    fake.as_manager("kubectl").scale(TALKER, 2)
+    [step] = diff(wanted, fake, adopt=True).changes
+    assert step.result is not None
+    assert "env" not in step.result["spec"]["template"]["spec"]["containers"][0]
+    deploy(wanted, fake, report=report, adopt=True)
+    live = fake.objects[TALKER]
+    assert "env" not in live["spec"]["template"]["spec"]["containers"][0]
+    assert live["spec"]["replicas"] == 1
+    assert describe_drift(live) == []
+    assert diff(wanted, fake, adopt=True).changes == ()
+
+
+def test_the_replicas_of_a_named_node_are_ours(fake: FakeCluster, report: Any) -> None:
+    """Another number is refused, and put back by --adopt."""
+    wanted = desired(workload(replicas=1))
+    deploy(wanted, fake, report=report)
+    fake.as_manager("kubectl").scale(TALKER, 2)
+    with pytest.raises(ConflictError) as caught:
+        diff(wanted, fake)
+    assert caught.value.details == ("Deployment n/talker: kubectl owns .spec.replicas",)
+    deploy(wanted, fake, report=report, adopt=True)
+    assert fake.objects[TALKER]["spec"]["replicas"] == 1
+
+
+@pytest.mark.parametrize("manager", ["kube-controller-manager", "k3s"])
+def test_what_kubernetes_writes_is_no_drift(fake: FakeCluster, report: Any, manager: str) -> None:
+    """An autoscaler of an anonymous node; --adopt leaves it alone, too."""
+    deploy(desired(anonymous()), fake, report=report)
+    fake.as_manager(manager).scale(TALKER, 3)
+    assert warn(fake, report, desired(anonymous())) == []
+    deploy(desired(anonymous()), fake, report=report, adopt=True)
+    assert fake.objects[TALKER]["spec"]["replicas"] == 3
+
+
+def test_notes_and_restarts_are_no_drift(fake: FakeCluster, report: Any) -> None:
+    """Labels and annotations change nothing that runs; a restart is not a change."""
+    deploy(desired(anonymous()), fake, report=report)
+    note = {"annotations": {"kubectl.kubernetes.io/restartedAt": "2026-11-24T22:00:00Z"}}
+    body = {"metadata": {"labels": {"team": "a"}}, "spec": {"template": {"metadata": note}}}
+    fake.as_manager("kubectl-rollout").patch(TALKER, body)
+    assert describe_drift(fake.objects[TALKER]) == []

@@ -133,21 +133,33 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 @json_option
 @click.pass_context
 def history(ctx: click.Context, /, job: str | None, output: str) -> None:
-    """List the revisions of a release, the newest last."""
+    """List the revisions of a release with what each changed, the newest last."""
+    from datetime import datetime, timezone
+
     from rigel_k8s.cli.listing import STATES
-    from rigel_k8s.cli.tables import table
+    from rigel_k8s.cli.tables import age, table
     from rigel_k8s.commands import releases
 
-    found = releases.history(settings(ctx), job)
-    columns = ("number", "status", "created", "description")
-    rows = [{name: getattr(revision, name) for name in columns} for revision in found]
+    found, now = releases.history(settings(ctx), job), datetime.now(timezone.utc)
     if output == "json":
-        print_json(rows)
-    elif rows:
-        heads = ["REVISION", "STATUS", "CREATED", "DESCRIPTION"]
-        colors = [STATES.get(revision.status) for revision in found]
-        cells = [[str(row[name]) for name in columns] for row in rows]
-        click.echo(table(heads, cells, colors=colors))
+        columns = ("number", "status", "created", "by", "description", "images", "changes")
+        print_json([{name: getattr(one, name) for name in columns} for one in found])
+    elif found:
+        heads = ["REVISION", "STATUS", "AGE", "BY", "DESCRIPTION", "IMAGE", "CHANGES"]
+        cells = [
+            [
+                str(one.number),
+                one.status,
+                age(one.created, now),
+                one.by or "-",
+                one.description,
+                ", ".join(one.images) or "-",
+                "; ".join(one.changes) or "-",
+            ]
+            for one in found
+        ]
+        colors = [STATES.get(one.status) for one in found]
+        click.echo(table(heads, cells, ("IMAGE", "DESCRIPTION", "BY"), colors))
     else:
         click.echo("no revisions: nothing was deployed", err=True)
 

@@ -14,10 +14,11 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal, together
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
+from rigel_k8s.release.history import Entry, History
+from rigel_k8s.release.revisions import records
 from rigel_k8s.release.types import DeployOptions, Plan, Revision, Step
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
@@ -107,11 +108,11 @@ class Warnings:
         return self
 
 
-def history(settings: Settings, job: str | None) -> Sequence[Revision]:
+def history(settings: Settings, job: str | None) -> Sequence[Entry]:
     """Return a release's revisions, oldest first."""
     found = release(settings, job)
     with found.cluster as cluster:
-        return deploys.history(cluster, found.id)
+        return History().make_entries(records(cluster, found.id))
 
 
 def rollback(

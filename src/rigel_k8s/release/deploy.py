@@ -19,6 +19,7 @@ from rigel_k8s import __version__
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import lease as leases
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.locking import Held, bury, hold
@@ -277,6 +278,7 @@ def new_revision(run: Run, looked: Look) -> Revision:
         description=run.options.description,
         tool_version=__version__,
         back_to=run.back_to,
+        by=leases.name_user(),
     )
 
 

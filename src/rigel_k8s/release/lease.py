@@ -35,12 +35,17 @@ def manifest(ref: ObjectRef, meta: dict[str, str] | None = None) -> dict[str, An
         "kind": ref.kind,
         "metadata": {**own, **(meta or {})},
         "spec": {
-            "holderIdentity": f"{getpass.getuser()}@{socket.gethostname()}, process {os.getpid()}",
+            "holderIdentity": f"{name_user()}, process {os.getpid()}",
             "leaseDurationSeconds": DURATION,
             "acquireTime": timestamp(),
             "renewTime": timestamp(),
         },
     }
+
+
+def name_user() -> str:
+    """Return who runs this process, and where: user@machine."""
+    return f"{getpass.getuser()}@{socket.gethostname()}"
 
 
 def describe(ref: ObjectRef, lease: dict[str, Any]) -> str:

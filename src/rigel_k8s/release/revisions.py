@@ -27,8 +27,9 @@ MAX_SIZE = 1024 * 1024
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
-CREATED, DESCRIPTION, VERSION, BACK_TO = (
+CREATED, BY, DESCRIPTION, VERSION, BACK_TO = (
     "rigel-k8s/created",
+    "rigel-k8s/by",
     "rigel-k8s/description",
     "rigel-k8s/tool-version",
     "rigel-k8s/back-to",
@@ -127,6 +128,7 @@ def encode(revision: Revision) -> dict[str, Any]:
     data = base64.b64encode(compress(write_content(revision))).decode()
     notes = {
         CREATED: revision.created,
+        BY: revision.by,
         DESCRIPTION: revision.description,
         VERSION: revision.tool_version,
     }
@@ -213,6 +215,7 @@ def decode(record: Record) -> Revision:
         number=record.number,
         status=record.status,  # type: ignore[arg-type]
         created=notes.get(CREATED, ""),
+        by=notes.get(BY, ""),
         objects=tuple(payload["objects"]),
         inventory=tuple(InventoryItem(ObjectRef(*i[:4]), i[4]) for i in payload["inventory"]),
         options=payload["options"],

@@ -130,6 +130,7 @@ class Revision:
 
     Attributes:
         back_to: the revision that this rollback deploys again; None for a deploy.
+        by: user@machine of the process that made it.
     """
 
     release: ReleaseId
@@ -142,6 +143,7 @@ class Revision:
     description: str = ""
     tool_version: str = ""
     back_to: int | None = None
+    by: str = ""
 
 
 @attrs.frozen(kw_only=True)

@@ -12,12 +12,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import attrs
+
 from rigel_k8s.commands.rosgraph import LiveGraph, look
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.history import History
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
 from rigel_k8s.release.revisions import OF, Record
 from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
@@ -27,7 +30,6 @@ from rigel_k8s.release.status import KINDS, ReleaseStatus, describe_release
 from rigel_k8s.ui.contact import Contact
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.graphs import GraphReader
-from rigel_k8s.ui.history import History
 from rigel_k8s.ui.nodes import node_entry, release_entry
 from rigel_k8s.ui.times import write_now
 
@@ -174,7 +176,9 @@ class Live:
         whole = release_entry(found, self._nodes, changing=changing)
         self.feed.publish("release", {"release": whole})
         if not hidden:
-            self.feed.publish("revision", self._history.make_entries(records))
+            entries = self._history.make_entries(records)
+            shown = {f"revision/{one.number}": attrs.asdict(one) for one in entries}
+            self.feed.publish("revision", shown)
         self._graph.show(self._nodes, view.objects[POD].values())
 
     def _describe(

@@ -184,7 +184,7 @@ def test_a_rollout_is_seen_while_it_happens(scene: Scene) -> None:
     scene.until_state("talker", "ready")
     scene.until(lambda: scene.feed.get("release")["status"] == "good", "the end of the roll-out")
     scene.until(lambda: scene.feed.get("release")["changing"] == "", "the end of the Lease")
-    assert scene.feed.get("revision/2")["changes"] == ["talker: image app:1 to app:2"]
+    assert scene.feed.get("revision/2")["changes"] == ("talker: image app:1 to app:2",)
 
 
 def test_a_release_that_is_not_there_yet_is_waited_for(scene: Scene) -> None:

@@ -26,7 +26,7 @@ function makeItem(one, { now, allowed, busy }) {
   const item = make(
     "li",
     { class: one.status, value: one.number },
-    make("p", {}, make("strong", {}, `Revision ${one.number}`), ` ${WORDS[one.status] ?? one.status}, `, make("time", { datetime: one.created }, showTime(one.created)), now ? " (present)" : ""),
+    make("p", {}, make("strong", {}, `Revision ${one.number}`), ` ${WORDS[one.status] ?? one.status}, `, make("time", { datetime: one.created }, showTime(one.created)), one.by ? ` by ${one.by}` : "", now ? " (present)" : ""),
     one.description ? make("p", {}, one.description) : null,
     one.changes.length ? make("ul", {}, ...one.changes.map((text) => make("li", {}, text))) : null,
   );

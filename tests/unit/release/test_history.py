@@ -1,45 +1,55 @@
-"""Revisions as a page shows them: what each has changed, and what a rollback would."""
+"""Revisions as `rigel history` and the page show them: what each changed, and a rollback would."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from rigel_k8s.release import revisions
+from rigel_k8s.release.history import Entry, History
+from rigel_k8s.release.lease import name_user
 from rigel_k8s.release.types import Desired
-from rigel_k8s.ui.history import History
 from tests.support.manifests import RELEASE, config, workload
 from tests.support.releases import deploy
 
 
-def entries(fake: Any, report: Any, *releases: tuple[Any, ...]) -> dict[str, Any]:
+def entries(fake: Any, report: Any, *releases: tuple[Any, ...]) -> list[Entry]:
     for objects in releases:
         deploy(Desired(RELEASE, objects), fake, report=report, description="an update")
     return History().make_entries(revisions.records(fake, RELEASE))
 
 
 def test_a_revision_says_what_it_has_changed(fake: Any, report: Any) -> None:
-    """Images by name, replicas, new and removed workloads; the rest as one word."""
+    """Images by name, replicas, new and removed workloads; the rest by its keys."""
+    other = workload("arm")
+    pod = other["spec"]["template"]["spec"]
+    pod["volumes"] = [{"name": "bags", "emptyDir": {}}]
+    pod["containers"][0] |= {"env": [{"name": "FOO", "value": "1"}], "args": ["x"]}
+    old = (workload("lidar"), workload("base"), workload("arm"), config("c"))
     found = entries(
         fake,
         report,
-        (workload(), workload("camera"), workload("lidar"), workload("base"), config("c")),
+        (workload(), workload("camera"), *old),
         (
             workload(image=f"app:2@sha256:{'ab' * 32}"),
             workload("camera", replicas=0),
             workload("lidar", note="x"),
+            other,
             workload("imu"),
             config("c", a="1"),
         ),
     )
-    assert found["revision/1"]["changes"] == []
-    assert found["revision/2"]["changes"] == [
+    assert found[0].changes == ()
+    assert list(found[1].changes) == [
+        "arm: args, env FOO, volumes",
         "base is removed",
         "camera: 1 to 0 replicas",
         "imu is new",
         "lidar: changed",
         "talker: image app:1 to app:2@sha256:abababa",
     ]
-    assert found["revision/2"]["description"] == "an update"
+    assert found[1].description == "an update"
+    assert (found[1].by, found[1].status, found[0].status) == (name_user(), "good", "superseded")
+    assert found[1].images == ("app:1", "app:2@sha256:abababa")
 
 
 def test_a_rollback_is_described_from_the_present(fake: Any, report: Any) -> None:
@@ -47,9 +57,9 @@ def test_a_rollback_is_described_from_the_present(fake: Any, report: Any) -> Non
     found = entries(
         fake, report, (workload(),), (workload(image="app:2"),), (workload(image="app:3"),)
     )
-    assert found["revision/1"]["back"] == ["talker: image app:3 to app:1"]
-    assert found["revision/2"]["back"] == ["talker: image app:3 to app:2"]
-    assert found["revision/3"]["back"] == []
+    assert found[0].back == ("talker: image app:3 to app:1",)
+    assert found[1].back == ("talker: image app:3 to app:2",)
+    assert found[2].back == ()
 
 
 def test_a_revision_is_decompressed_once(fake: Any, report: Any, monkeypatch: Any) -> None:
@@ -68,4 +78,4 @@ def test_a_damaged_revision_hides_no_other(fake: Any, report: Any) -> None:
     deploy(Desired(RELEASE, (workload(),)), fake, report=report)
     records = revisions.records(fake, RELEASE)
     records[0].secret["data"] = {"release": "AAAA"}
-    assert History().make_entries(records)["revision/1"]["status"] == "good"
+    assert History().make_entries(records)[0].status == "good"

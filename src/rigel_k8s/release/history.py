@@ -1,0 +1,148 @@
+"""The revisions of a release, who made each, and what it changed; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.revisions import BY, CREATED, DESCRIPTION, Record, find_good
+
+
+@attrs.frozen
+class Entry:
+    """One revision.
+
+    Attributes:
+        status: pending, good, failed or superseded.
+        by: user@machine of the process that made it, "" if it does not say so.
+        images: those of its workloads, each once.
+        changes: what it changed, a line for each workload.
+        back: what a rollback to it would change.
+    """
+
+    number: int
+    status: str
+    created: str
+    by: str
+    description: str
+    images: tuple[str, ...]
+    changes: tuple[str, ...]
+    back: tuple[str, ...]
+
+
+class History:
+    """Revisions as entries; each is decompressed once."""
+
+    def __init__(self) -> None:
+        self._workloads: dict[int, dict[str, Manifest]] = {}
+
+    def make_entries(self, records: Sequence[Record]) -> list[Entry]:
+        """Return the entries of a release's records, the oldest first."""
+        numbers = [record.number for record in records]
+        self._workloads = {n: found for n, found in self._workloads.items() if n in numbers}
+        for record in records:
+            if record.number not in self._workloads:
+                self._workloads[record.number] = read_workloads(record)
+        now = numbers[-1] if numbers else 0
+        last_good = find_good(records)
+        return [
+            self.make_entry(record, before, now, replaced=record.number < last_good)
+            for record, before in zip(records, [None, *numbers[:-1]], strict=True)
+        ]
+
+    def make_entry(self, record: Record, before: int | None, now: int, *, replaced: bool) -> Entry:
+        """Return one entry."""
+        number, notes = record.number, record.secret["metadata"].get("annotations") or {}
+        workloads = self._workloads[number].values()
+        found = [image for live in workloads for image in images(live).values()]
+        return Entry(
+            number,
+            "superseded" if replaced and record.status == "good" else record.status,
+            notes.get(CREATED, ""),
+            notes.get(BY, ""),
+            notes.get(DESCRIPTION, ""),
+            tuple(sorted({*map(shorten, found)})),
+            () if before is None else self.compare(before, number),
+            () if number == now else self.compare(now, number),
+        )
+
+    def compare(self, old: int, new: int) -> tuple[str, ...]:
+        """Return what differs in the workloads of two revisions."""
+        return tuple(compare(self._workloads[old], self._workloads[new]))
+
+
+def read_workloads(record: Record) -> dict[str, Manifest]:
+    """Return a revision's workloads by name; none where it cannot be read."""
+    try:
+        objects = record.revision().objects
+    except RigelK8sError:
+        return {}
+    return {live["metadata"]["name"]: live for live in objects if live["kind"] in WORKLOADS}
+
+
+def compare(old: dict[str, Manifest], new: dict[str, Manifest]) -> Iterator[str]:
+    """Yield what differs in two revisions' workloads, by name."""
+    for name in sorted({*old, *new}):
+        if name not in old:
+            yield f"{show_name(new[name])} is new"
+        elif name not in new:
+            yield f"{show_name(old[name])} is removed"
+        elif old[name] != new[name]:
+            words = ", ".join(dict.fromkeys(compare_workload(old[name], new[name]))) or "changed"
+            yield f"{show_name(new[name])}: {words}"
+
+
+def compare_workload(old: Manifest, new: Manifest) -> Iterator[str]:
+    """Yield what differs in a workload: images, replicas, then the names of other keys."""
+    before, after = images(old), images(new)
+    for container in before.keys() & after.keys():
+        if before[container] != after[container]:
+            yield f"image {shorten(before[container])} to {shorten(after[container])}"
+    counts = [live.get("spec", {}).get("replicas", 1) for live in (old, new)]
+    if counts[0] != counts[1]:
+        yield f"{counts[0]} to {counts[1]} replicas"
+    yield from list_keys(old.get("spec", {}), new.get("spec", {}))
+
+
+def list_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the names of the other keys that differ in a workload or its pods."""
+    for key in sorted({*old, *new} - {"replicas", "image"}):
+        before, after = old.get(key), new.get(key)
+        if before == after:
+            continue
+        if key in ("template", "spec", "metadata", "annotations"):
+            yield from list_keys(before or {}, after or {})
+        elif key in ("containers", "env"):
+            named = [{item["name"]: item for item in side or ()} for side in (before, after)]
+            for name in sorted({*named[0], *named[1]}):
+                one, other = (side.get(name) for side in named)
+                if key == "containers" and one and other:
+                    yield from list_keys(one, other)
+                elif one != other:
+                    yield f"env {name}" if key == "env" else f"container {name}"
+        else:
+            yield key.rpartition("/")[2]
+
+
+def images(workload: Manifest) -> dict[str, str]:
+    """Return the images of a workload's containers by their names."""
+    pod = workload.get("spec", {}).get("template", {}).get("spec", {})
+    return {one["name"]: one.get("image", "") for one in pod.get("containers") or []}
+
+
+def shorten(image: str) -> str:
+    """Return an image with a short digest."""
+    name, at, digest = image.partition("@sha256:")
+    return f"{name}{at}{digest[:7]}" if at else image
+
+
+def show_name(workload: Manifest) -> str:
+    """Return the ROS name of a workload, or its own."""
+    meta = workload["metadata"]
+    return str((meta.get("annotations") or {}).get(ROS_NAME_ANNOTATION) or meta["name"])

@@ -13,6 +13,7 @@ from rigel_k8s.commands.targets import Release, job_of, release
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import removal, together
 from rigel_k8s.release import rollback as rollbacks
@@ -112,7 +113,7 @@ def history(settings: Settings, job: str | None) -> Sequence[Entry]:
     """Return a release's revisions, oldest first."""
     found = release(settings, job)
     with found.cluster as cluster:
-        return History().make_entries(records(cluster, found.id))
+        return History(ROS_NAME_ANNOTATION).make_entries(records(cluster, found.id))
 
 
 def rollback(

@@ -71,7 +71,7 @@ def deployment(
     both = labels(name, around.release) | dict(own_labels or {})
     # The last lines of a crashed container's log are in its pod's status.
     last_words = {"terminationMessagePolicy": "FallbackToLogsOnError"}
-    pod = {**pod, "containers": [{**last_words, **one} for one in pod["containers"]]}
+    pod = {**pod, "containers": [{**last_words, **one} for one in pod.get("containers", ())]}
     template = {
         "metadata": drop_empty({"labels": both, "annotations": dict(pod_annotations or {})}),
         "spec": {

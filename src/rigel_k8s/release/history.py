@@ -8,7 +8,6 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.revisions import BY, CREATED, DESCRIPTION, Record, find_good
@@ -37,9 +36,14 @@ class Entry:
 
 
 class History:
-    """Revisions as entries; each is decompressed once."""
+    """Revisions as entries; each is decompressed once.
 
-    def __init__(self) -> None:
+    Args:
+        naming: the annotation that has the name by which users know a workload.
+    """
+
+    def __init__(self, naming: str = "") -> None:
+        self._naming = naming
         self._workloads: dict[int, dict[str, Manifest]] = {}
 
     def make_entries(self, records: Sequence[Record]) -> list[Entry]:
@@ -74,7 +78,7 @@ class History:
 
     def compare(self, old: int, new: int) -> tuple[str, ...]:
         """Return what differs in the workloads of two revisions."""
-        return tuple(compare(self._workloads[old], self._workloads[new]))
+        return tuple(compare(self._workloads[old], self._workloads[new], self._naming))
 
 
 def read_workloads(record: Record) -> dict[str, Manifest]:
@@ -86,16 +90,16 @@ def read_workloads(record: Record) -> dict[str, Manifest]:
     return {live["metadata"]["name"]: live for live in objects if live["kind"] in WORKLOADS}
 
 
-def compare(old: dict[str, Manifest], new: dict[str, Manifest]) -> Iterator[str]:
+def compare(old: dict[str, Manifest], new: dict[str, Manifest], naming: str) -> Iterator[str]:
     """Yield what differs in two revisions' workloads, by name."""
     for name in sorted({*old, *new}):
         if name not in old:
-            yield f"{show_name(new[name])} is new"
+            yield f"{show_name(new[name], naming)} is new"
         elif name not in new:
-            yield f"{show_name(old[name])} is removed"
+            yield f"{show_name(old[name], naming)} is removed"
         elif old[name] != new[name]:
             words = ", ".join(dict.fromkeys(compare_workload(old[name], new[name]))) or "changed"
-            yield f"{show_name(new[name])}: {words}"
+            yield f"{show_name(new[name], naming)}: {words}"
 
 
 def compare_workload(old: Manifest, new: Manifest) -> Iterator[str]:
@@ -142,7 +146,7 @@ def shorten(image: str) -> str:
     return f"{name}{at}{digest[:7]}" if at else image
 
 
-def show_name(workload: Manifest) -> str:
-    """Return the ROS name of a workload, or its own."""
+def show_name(workload: Manifest, naming: str) -> str:
+    """Return the name by which users know a workload, or its own."""
     meta = workload["metadata"]
-    return str((meta.get("annotations") or {}).get(ROS_NAME_ANNOTATION) or meta["name"])
+    return str((meta.get("annotations") or {}).get(naming) or meta["name"])

@@ -19,6 +19,7 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.history import History
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
@@ -61,7 +62,7 @@ class Live:
         self._contact = Contact(found.cluster, report, self._publish_trouble)
         self._graph = GraphReader(feed, lambda: read(found))
         self._crashes = CrashLog()
-        self._history = History()
+        self._history = History(ROS_NAME_ANNOTATION)
         self._lease: tuple[str, float] = ("", 0.0)
         self._nodes: dict[str, Any] = {}
         self._threads = [

@@ -10,9 +10,8 @@ import pytest
 from tools.diagrams.__main__ import FOLDER
 from tools.diagrams.pictures import PICTURES
 from tools.diagrams.scene import Box, Scene
-from tools.screenshots.views import VIEWS
 
-#: Of a real release (tools/screenshots/release.py).
+#: Of a real release (tools/screenshots.py).
 SCREENSHOTS = {"ui-light.png", "ui-dark.png"}
 GRAPH = "graph.svg"  # by Graphviz, of tests/unit/rosgraph/golden/robot.dot
 
@@ -29,7 +28,6 @@ def test_every_picture_is_used() -> None:
     """Some page shows each file of the folder, and each file has its description."""
     pages = "".join(page.read_text("utf-8") for page in FOLDER.parent.rglob("*.md"))
     files = {file.name for file in FOLDER.iterdir()}
-    files -= {view.file for view in VIEWS}  # of the site itself
     assert files == {f"{name}.svg" for name in PICTURES} | SCREENSHOTS | {GRAPH}
     links = set(re.findall(r"pictures/([\w.-]+)(?:#only-\w+)?\)", pages))
     assert files - links == set()

@@ -1,6 +1,6 @@
 """Take the pictures of docs/ui.md from a running `rigel ui`, light and dark.
 
-usage: python -m tools.screenshots.release ADDRESS [NODE]    NODE is chosen on the page
+usage: python -m tools.screenshots ADDRESS [NODE]    NODE is chosen on the page
 
 ADDRESS is what `rigel ui` prints. The pictures are of a real release: deploy one that has something
 to show, such as a node that crashes.
@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 from tests.support.browser import run_browser
-from tools.screenshots.views import PICTURES
 
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 SIZE = (1280, 860)
 QUIET = 3.0  # seconds: the ROS graph and some lines of the log have come
 

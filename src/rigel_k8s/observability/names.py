@@ -17,16 +17,17 @@ GRAFANA, GRAFANA_PORT = "grafana", 3000
 #: The ROS exporter: a workload of each application's release, beside its nodes.
 EXPORTER, EXPORTER_PORT = "ros-exporter", 9419
 
-#: The labels of pods' log streams and metrics, the same in Loki and Prometheus, and the label or
-#: annotation of the pod that each is read from; the others come from its status.
+#: The labels of pods' log streams and metrics, the same in Loki and Prometheus, and where
+#: Prometheus finds each in a pod: `rigel-k8s/release`, `app.kubernetes.io/name`,
+#: `rigel-k8s/ros-name`, and parts of its metadata.
 LABELS = {
-    "application": "rigel-k8s/release",
-    "workload": "app.kubernetes.io/name",
-    "ros_node": "rigel-k8s/ros-name",
-    "namespace": None,
-    "pod": None,
-    "container": None,
-    "node": None,
+    "application": "__meta_kubernetes_pod_label_rigel_k8s_release",
+    "workload": "__meta_kubernetes_pod_label_app_kubernetes_io_name",
+    "ros_node": "__meta_kubernetes_pod_annotation_rigel_k8s_ros_name",
+    "namespace": "__meta_kubernetes_namespace",
+    "pod": "__meta_kubernetes_pod_name",
+    "container": "__meta_kubernetes_pod_container_name",
+    "node": "__meta_kubernetes_pod_node_name",
 }
 
 #: The label `level` of a log line, read from ROS 1's and ROS 2's formats; "" if none is found.

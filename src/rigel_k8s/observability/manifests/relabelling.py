@@ -5,28 +5,17 @@ Promtail, Alloy, Prometheus and prometheus-operator all take them in this form.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.observability.manifests.frame import load
+from rigel_k8s.observability.names import LABELS
 
 Rule = dict[str, Any]
-
-#: Label to where it is read from.
-SOURCES: Mapping[str, str] = {
-    "application": "__meta_kubernetes_pod_label_rigel_k8s_release",
-    "workload": "__meta_kubernetes_pod_label_app_kubernetes_io_name",
-    "ros_node": "__meta_kubernetes_pod_annotation_rigel_k8s_ros_name",
-    "namespace": "__meta_kubernetes_namespace",
-    "pod": "__meta_kubernetes_pod_name",
-    "container": "__meta_kubernetes_pod_container_name",
-    "node": "__meta_kubernetes_pod_node_name",
-}
 
 
 def contract() -> list[Rule]:
     """Return the rules that make a pod's labels."""
-    return [{"source_labels": [source], "target_label": name} for name, source in SOURCES.items()]
+    return [{"source_labels": [source], "target_label": name} for name, source in LABELS.items()]
 
 
 def rules(name: str) -> list[Rule]:

@@ -9,9 +9,9 @@ import yaml
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.observability.manifests.frame import Object, load
-from rigel_k8s.observability.manifests.relabelling import SOURCES, contract, rules
+from rigel_k8s.observability.manifests.relabelling import contract, rules
 from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.names import LOKI, PROMETHEUS, RELEASE
+from rigel_k8s.observability.names import LABELS, LOKI, PROMETHEUS, RELEASE
 
 KUBE_STATE_METRICS = "kube-state-metrics"
 NODE_EXPORTER = "node-exporter"
@@ -62,7 +62,7 @@ def own_parts(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
     if stack.kube_state_metrics.enabled:
         yield KUBE_STATE_METRICS, [own_port()]
     if stack.options.node_exporter.enabled:
-        node = {"source_labels": [SOURCES["node"]], "target_label": "node"}
+        node = {"source_labels": [LABELS["node"]], "target_label": "node"}
         yield NODE_EXPORTER, [own_port(), node]
 
 

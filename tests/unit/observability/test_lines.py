@@ -119,6 +119,15 @@ def test_the_collector_reads_expressions_as_they_are() -> None:
     assert set(re.findall(r"(?<!\$)\$(?:\$\$)*(?!\$).{5}", text)) == {"${env:"}
 
 
+def test_only_lines_of_one_stream_continue_each_other() -> None:
+    """A traceback on stderr may stand between lines of stdout."""
+    made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
+    _, stream, joined, *_ = made["receivers"]["file_log"]["operators"]
+    assert stream["field"] == joined["source_identifier"]
+    assert "log.file.path" in stream["value"]
+    assert "log.iostream" in stream["value"]
+
+
 def test_no_line_is_dropped_while_loki_does_not_answer() -> None:
     """No queue, which a killed collector would lose, and no end of trying again."""
     made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))

@@ -87,12 +87,15 @@ def configuration(stack: Stack) -> str:
 def _operators() -> Iterator[Object]:
     """Yield what makes entries of lines, and finds their level."""
     yield {"type": "container"}
+    # The lines of a file are those of both streams, and only lines of one continue each other.
+    stream = 'attributes["log.file.path"] + attributes["log.iostream"]'
+    yield {"type": "add", "field": "attributes.stream", "value": f"EXPR({stream})"}
     goes_on = " or ".join(matches(form) for form in (r"^(?:\s|$)", lines.GOES_ON))
     yield {
         "type": "recombine",
         "combine_field": "body",
         "is_first_entry": f"not ({goes_on})",
-        "source_identifier": 'attributes["log.file.path"]',
+        "source_identifier": "attributes.stream",
         "max_batch_size": lines.LONGEST,
         "max_log_size": "1MiB",
         "force_flush_period": lines.WAIT,

@@ -11,7 +11,6 @@ import re
 import secrets
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import attrs
@@ -24,20 +23,12 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
-from rigel_k8s.objects.scalars import Duration, Number, ObjectName, RosName
+from rigel_k8s.objects.scalars import Count, Duration, ObjectName, RosName
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
 #: Seconds between two looks for a ready pod.
 LOOK = 1.0
-
-
-class MessageCount(Number):
-    """How many, at least one."""
-
-    kind = "bad-count"
-    expects = "a whole number, at least 1"
-    least = 1
 
 
 @attrs.frozen(kw_only=True)
@@ -57,8 +48,8 @@ class DeliveryOptions:
             " (ROS 2: of the publisher's own node)"
         },
     )
-    messages: MessageCount = attrs.field(
-        default=MessageCount(10),
+    messages: Count = attrs.field(
+        default=Count(10),
         metadata={"doc": "how many messages with consecutive numbers must arrive"},
     )
     timeout: Duration = attrs.field(
@@ -112,9 +103,8 @@ class DeliveryJob:
         with connect(job.settings) as cluster:
             cluster.endure(job.report.line, job.cancel)
             namespace = job.settings.namespace or options.namespace or cluster.namespace
-            with _time_limit(job.cancel, options.timeout.seconds) as over:
-                check = _Check(cluster, str(namespace), options, job, over)
-                check.run()
+            over = _limit_time(job.cancel, options.timeout.seconds)
+            _Check(cluster, str(namespace), options, job, over).run()
 
 
 @attrs.frozen
@@ -275,9 +265,8 @@ class Arrivals:
         return True
 
 
-@contextmanager
-def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.Event]:
-    """Yield an event that is set when the time is over, or when the job is cancelled."""
+def _limit_time(cancel: threading.Event, seconds: float) -> threading.Event:
+    """Return an event that is set when the time is over, or when the job is cancelled."""
     over = threading.Event()
 
     def watch() -> None:
@@ -285,7 +274,7 @@ def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.E
         over.set()
 
     threading.Thread(target=watch, daemon=True).start()
-    yield over
+    return over
 
 
 def _pod_of(pod: Mapping[str, Any]) -> RunningPod:

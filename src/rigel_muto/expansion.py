@@ -144,7 +144,10 @@ def _remark_on_further(own: Mapping[str, YamlNode], nodes: Mapping[str, YamlNode
 
 EXTENSION = Extension(
     Field(
-        *(KEY, KEY, (), Muto | str | None),
+        name=KEY,
+        key=KEY,
+        aliases=(),
+        type=Muto | str | None,
         required=False,
         default=None,
         doc="a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its"

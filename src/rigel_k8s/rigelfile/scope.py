@@ -83,7 +83,10 @@ class Scope:
     def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
         """Return a scope of the same vars with these data."""
         return Scope(
-            *(self.source, self.variables, self.environ, data),
+            self.source,
+            self.variables,
+            self.environ,
+            data,
             final=final,
             patient=self._patient,
             spent=None if final else self._spent,  # in a run, the size grows with the data

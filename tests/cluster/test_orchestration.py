@@ -24,13 +24,12 @@ from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
 from tests.support.releases import down
+from tests.unit.app.test_golden import CASES, make
 
 from .conftest import inside
 
 pytestmark = pytest.mark.cluster
 
-GOLDEN = Path(__file__).parents[1] / "unit" / "app" / "golden"
-SHAPES = sorted(path for path in GOLDEN.glob("*.yaml") if ".with" not in path.name)
 PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
 Run = Callable[..., "Recorder"]
@@ -56,12 +55,12 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
     return call
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("case", CASES)
 def test_kubernetes_accepts_every_golden_shape(
-    cluster: Any, multus: None, namespace: str, shape: Path
+    cluster: Any, multus: None, namespace: str, case: str
 ) -> None:
     """A server-side dry run takes each object as it is."""
-    for item in yaml.safe_load_all(shape.read_text("utf-8")):
+    for item in make(case):
         if "namespace" in item["metadata"]:
             item["metadata"]["namespace"] = namespace
         cluster.apply(item, dry_run=True)

@@ -18,6 +18,7 @@ import pytest
 import yaml
 
 from rigel_lab.cluster import paths
+from rigel_lab.cluster.components import KUBERNETES_VERSION
 
 from .conftest import WITHIN
 
@@ -93,10 +94,11 @@ def test_another_number_of_nodes_is_refused(host: Any, one: str) -> None:
 
 def test_kubernetes_is_unmodified_upstream(host: Any, one: str) -> None:
     """Server and nodes are the released version, a clean tree."""
+    released = f"v{KUBERNETES_VERSION}"
     version = json.loads(host.kubectl(one, "version", "-o", "json"))["serverVersion"]
-    assert (version["gitVersion"], version["gitTreeState"]) == ("v1.34.4", "clean")
+    assert (version["gitVersion"], version["gitTreeState"]) == (released, "clean")
     nodes = json.loads(host.kubectl(one, "get", "nodes", "-o", "json"))["items"]
-    assert {n["status"]["nodeInfo"]["kubeletVersion"] for n in nodes} == {"v1.34.4"}
+    assert {n["status"]["nodeInfo"]["kubeletVersion"] for n in nodes} == {released}
 
 
 def test_pods_on_two_nodes_reach_each_other(host: Any, one: str, registry: str) -> None:

@@ -255,7 +255,8 @@ def own(host: Any) -> Path:
 def test_a_node_says_that_it_is_of_k3s(host: Any, ranch: str) -> None:
     """Version, label, arguments and variables, by which its data directory is found."""
     node = json.loads(host.kubectl(ranch, "get", "node", "node1", "-o", "json"))
-    assert node["status"]["nodeInfo"]["kubeletVersion"] == "v1.34.4+k3s1"
+    released = f"v{components.KUBERNETES_VERSION}"
+    assert node["status"]["nodeInfo"]["kubeletVersion"] == f"{released}+k3s1"
     told = node["metadata"]["annotations"]
     assert json.loads(told["k3s.io/node-args"]) == ["server", "--data-dir", DATA]
     assert json.loads(told["k3s.io/node-env"])["K3S_DATA_DIR"].startswith(f"{DATA}/data/")

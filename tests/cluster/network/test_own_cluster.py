@@ -166,8 +166,8 @@ def test_what_an_upgrade_takes_away_comes_back(own: Any, own_lab: Any) -> None:
     """After an upgrade of the machine pods are attached: with k3s' hashed directory replaced."""
     own_lab.attachment("10.213.12.0/24")
     if own.data_dir:
-        upgrade(own, "v1.34.5+k3s1")
-        upgrade(own, "v1.34.6+k3s1")
+        upgrade(own, f"v{components.KUBERNETES_VERSION}+k3s2")
+        upgrade(own, f"v{components.KUBERNETES_VERSION}+k3s3")
     else:
         for name in ("multus-shim", "whereabouts"):
             (own.programs("node1") / name).unlink()
@@ -196,7 +196,7 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
         pytest.skip("of k3s only")
     older = Install(cni_bin_dir="/data/data/current/bin")
     install(own.cluster, older, DeployOptions(report=said))
-    upgrade(own, "v1.34.7+k3s1")
+    upgrade(own, f"v{components.KUBERNETES_VERSION}+k3s4")
     current = Path((own.directory / "node1/k3s/data/current").readlink()).name
     programs = own.directory / "node1/k3s/data" / current / "bin"
     for name in ("macvlan", "whereabouts", "multus-shim"):

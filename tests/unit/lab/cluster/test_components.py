@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import attrs
@@ -13,6 +14,7 @@ from rigel_lab.cluster.components import (
     GO_BUILDS,
     K3S_KUBELET,
     KUBERNETES,
+    KUBERNETES_VERSION,
     MULTUS,
     ON_REQUEST,
     WHEREABOUTS,
@@ -59,13 +61,21 @@ def test_what_is_built_changes_where_it_is_kept() -> None:
 def test_kubernetes_tells_its_version() -> None:
     """The flags stamp the version into what `kubectl version` reads."""
     flags = " ".join(KUBERNETES.flags())
-    assert "-X k8s.io/component-base/version.gitVersion=v1.34.4" in flags
-    assert "-X k8s.io/client-go/pkg/version.gitMinor=34" in flags
+    _, minor, _ = KUBERNETES_VERSION.split(".")
+    assert f"-X k8s.io/component-base/version.gitVersion=v{KUBERNETES_VERSION}" in flags
+    assert f"-X k8s.io/client-go/pkg/version.gitMinor={minor} " in flags
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/what-was-run.md"])
+def test_the_pages_name_the_version_that_runs(page: str) -> None:
+    """Both name one version of Kubernetes as tested: that of the local cluster."""
+    text = (Path(__file__).parents[4] / page).read_text("utf-8")
+    assert set(re.findall(r"Kubernetes (\d+\.\d+\.\d+)", text)) == {KUBERNETES_VERSION}
 
 
 def test_a_kubelet_of_k3s_says_so_and_is_the_same_program() -> None:
     """Only the version that it tells differs; it takes the plain one's place."""
-    assert "gitVersion=v1.34.4+k3s1" in " ".join(K3S_KUBELET.flags())
+    assert f"gitVersion=v{KUBERNETES_VERSION}+k3s1" in " ".join(K3S_KUBELET.flags())
     assert (K3S_KUBELET.lock, K3S_KUBELET.version) == (KUBERNETES.lock, KUBERNETES.version)
     assert set(K3S_KUBELET.programs()) == {"kubelet"}
 

@@ -22,6 +22,7 @@ from rigel_lab.cluster.components import (
     GO_BUILDS,
     K3S_KUBELET,
     KUBERNETES,
+    KUBERNETES_VERSION,
     LOCAL_PATH,
     MULTUS,
     ON_REQUEST,
@@ -36,7 +37,8 @@ from tests.support.release_server import Fault, Releases
 FILES = [KUBERNETES, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
 IMAGES = [LOCAL_PATH, MULTUS]
 RELEASED = [*FILES, *IMAGES]
-KUBELET = "dl.k8s.io/release/v1.34.4/bin/linux/amd64/kubelet"
+KUBERNETES_FILES = f"dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/amd64"
+KUBELET = f"{KUBERNETES_FILES}/kubelet"
 #: Seconds; the server is on loopback.
 QUICK = Patience(connect=2, silence=0.3)
 
@@ -104,7 +106,7 @@ def test_a_release_is_downloaded_and_checked(build: GoBuild, upstream: Upstream)
 @pytest.mark.parametrize(
     ("build", "url", "sums"),
     [
-        (KUBERNETES, "dl.k8s.io/release/v1.34.4/bin/linux/amd64/kube-apiserver", "{}.sha256"),
+        (KUBERNETES, f"{KUBERNETES_FILES}/kube-apiserver", "{}.sha256"),
         (
             COREDNS,
             "github.com/coredns/coredns/releases/download/v1.15.0/coredns_1.15.0_linux_amd64.tgz",
@@ -456,7 +458,7 @@ def test_compiling_says_why_and_how_long(monkeypatch: pytest.MonkeyPatch, cache:
     KUBERNETES.build(lines.append, "cannot reach dl.k8s.io (no route)")
     LOCAL_PATH.build(lines.append)
     assert lines == [
-        "cannot reach dl.k8s.io (no route): compiling kubernetes 1.34.4 from source"
+        f"cannot reach dl.k8s.io (no route): compiling kubernetes {KUBERNETES_VERSION} from source"
         " (about 8 minutes on two cores, once)",
         "Compiling local-path-provisioner 0.0.37 from source (about 2 minutes on two cores, once)",
     ]

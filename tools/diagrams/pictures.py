@@ -44,8 +44,8 @@ CLUSTER = Scene(
         Box(650, 150, 180, 64, "claims", ("only if the Rigelfile", "has volumes")),
         Arrow((340, 150), (340, 114)),
         Box(250, 230, 580, 34, "no server part, no database, no custom resource", (), "good"),
-        Box(10, 295, 410, 40, "rigel down: all of it ends, data stays", (), "note"),
-        Box(440, 295, 410, 40, "rigel down --volumes: data ends, too", (), "note"),
+        Box(10, 295, 410, 40, "rigel down deletes it; volumes stay", (), "note"),
+        Box(440, 295, 410, 40, "rigel down --volumes deletes data, too", (), "note"),
     ),
 )
 

@@ -282,7 +282,7 @@ def choose_way(
     update: RollingUpdate,
     obstacle: str | None,
 ) -> Way:
-    """Return HandOver for a lifecycle node that requests it, and can; see docs/beside-a-node.md."""
+    """Return HandOver for a lifecycle node that requests it, and can; see docs/ros2-updates.md."""
     if not requests_hand_over(update) or ros_name is None or obstacle:
         return recreate()
     pod = {"fieldRef": {"apiVersion": "v1", "fieldPath": "metadata.name"}}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -50,7 +49,7 @@ def read_address(text: str) -> Address:
     if parts.username is not None or parts.password is not None:
         raise UserError(
             "the address of the broker has a user or a password in it",
-            hint="set the user separately, and name a variable or a file with the password",
+            hint="put them into files, `username` and `password`",
         )
     if parts.scheme not in PORTS or not host or port == 0 or parts.path.strip("/") or parts.query:
         raise UserError(f'"{text}" is not the address of a broker', hint=hint)
@@ -62,7 +61,6 @@ class Login:
     """How to log in. Files are read again for each connection, since Secrets change.
 
     Attributes:
-        password_variable: the environment variable with the password.
         password_file: the file with the password; a line's end is not part of it.
         authorities: the file with the certificates that the broker's must be signed by; None for
             those that this machine trusts.
@@ -70,33 +68,19 @@ class Login:
     """
 
     user: str | None = None
-    password_variable: str | None = None
     password_file: Path | None = None
     authorities: Path | None = None
     certificate: Path | None = None
     key: Path | None = None
 
     def __attrs_post_init__(self) -> None:
-        if self.password_variable and self.password_file:
-            raise UserError("the password's variable and its file are both set: leave one out")
-        if (self.password_variable or self.password_file) and not self.user:
+        if self.password_file and not self.user:
             raise UserError("there is a password for the broker, and no user")
         if (self.certificate is None) != (self.key is None):
             raise UserError("a client's certificate and its key belong together: set both")
 
-    def read_password(self, environ: Mapping[str, str]) -> str | None:
-        """Return the password, None without one.
-
-        Raises:
-            UserError: its variable is not set, or its file cannot be read.
-        """
-        if self.password_variable:
-            if self.password_variable not in environ:
-                raise UserError(
-                    f"the environment variable {self.password_variable} is not set",
-                    hint="set it to the broker's password",
-                )
-            return environ[self.password_variable]
+    def read_password(self) -> str | None:
+        """Return the password, None without one. Raises UserError if it cannot be read."""
         if self.password_file:
             return _read_text(self.password_file, "the broker's password").rstrip("\r\n")
         return None

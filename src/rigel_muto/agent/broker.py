@@ -6,12 +6,11 @@ later. A message is acknowledged only after it was carried out; otherwise the br
 
 from __future__ import annotations
 
-import os
 import queue
 import ssl
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.errors import RigelK8sError, UserError
@@ -53,13 +52,11 @@ class Broker:
         client_id: str,
         topics: Iterable[str],
         reporter: Reporter,
-        environ: Mapping[str, str] = os.environ,
     ) -> None:
         self._address = address
         self._login = login
         self._topics = tuple(topics)
         self._reporter = reporter
-        self._environ = environ
         self._deliveries: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
         self._memory = Memory()
         self._lock = threading.Lock()
@@ -160,8 +157,8 @@ class Broker:
         self._client.publish(message.topic, message.payload, qos=1, properties=properties)
 
     def _prepare(self) -> None:
-        """Read from files and the environment what may have changed since the last connection."""
-        self._client.username_pw_set(self._login.user, self._login.read_password(self._environ))
+        """Read from files what may have changed since the last connection."""
+        self._client.username_pw_set(self._login.user, self._login.read_password())
         if self._context:
             self._login.load_files(self._context)
 

@@ -52,19 +52,17 @@ def test_a_password_does_not_stand_in_the_address() -> None:
     assert "s3cret" not in str(error.value)
 
 
-def test_a_password_comes_from_a_variable_or_a_file(tmp_path: Path) -> None:
+def test_a_password_comes_from_a_file(tmp_path: Path) -> None:
     file = tmp_path / "password"
     file.write_text("s3cret \n")
-    assert Login(user="me", password_file=file).read_password({}) == "s3cret "
-    assert Login(user="me", password_variable="P").read_password({"P": "x"}) == "x"
-    assert Login(user="me").read_password({}) is None
+    assert Login(user="me", password_file=file).read_password() == "s3cret "
+    assert Login(user="me").read_password() is None
 
 
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"user": "me", "password_variable": "P", "password_file": Path("p")}, "both set"),
-        ({"password_variable": "P"}, "no user"),
+        ({"password_file": Path("p")}, "no user"),
         ({"certificate": Path("c")}, "belong together"),
         ({"key": Path("k")}, "belong together"),
     ],
@@ -79,10 +77,8 @@ def test_options_that_contradict_each_other_are_refused(
 def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
     missing, empty = tmp_path / "missing", tmp_path / "empty"
     empty.write_text("")
-    with pytest.raises(UserError, match="variable P is not set"):
-        Login(user="me", password_variable="P").read_password({})
     with pytest.raises(UserError, match="missing cannot be read"):
-        Login(user="me", password_file=missing).read_password({})
+        Login(user="me", password_file=missing).read_password()
     with pytest.raises(UserError, match="missing cannot be read"):
         Login(authorities=missing).make_context()
     with pytest.raises(UserError, match="empty has no certificates"):

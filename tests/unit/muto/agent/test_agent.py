@@ -208,7 +208,7 @@ def test_the_brokers_secret_has_the_names_that_kubernetes_uses(tmp_path: Path) -
     for name in ("username", "password", "ca.crt", "tls.crt", "tls.key"):
         (tmp_path / name).write_text("robot\n")
     login = read_login(tmp_path)
-    assert (login.user, login.read_password({})) == ("robot", "robot")
+    assert (login.user, login.read_password()) == ("robot", "robot")
     assert login.authorities == tmp_path / "ca.crt"
     assert (login.certificate, login.key) == (tmp_path / "tls.crt", tmp_path / "tls.key")
     with pytest.raises(UserError, match=r"the directory .* does not exist"):

@@ -261,12 +261,13 @@ def test_messages_that_no_one_keeps_do_not_fill_the_memory(
         assert running_agent.wait_for(1) == ["stack-5"]
 
 
-def test_a_password_that_others_can_read_on_its_way_is_a_warning() -> None:
-    reporter, environ = Recorder(), {"PASSWORD": "s3cret"}
-    login = Login(user="robot", password_variable="PASSWORD")
+def test_a_password_that_others_can_read_on_its_way_is_a_warning(tmp_path: Path) -> None:
+    reporter, file = Recorder(), tmp_path / "password"
+    file.write_text("s3cret")
+    login = Login(user="robot", password_file=file)
     for host in ("broker.invalid", "127.0.0.1"):
         address = Address(host, find_port(), tls=False)
-        with Broker(address, login, "rigel-r7", [], reporter, environ):
+        with Broker(address, login, "rigel-r7", [], reporter):
             pass
     [warning] = [text for text in reporter.warnings if "password" in text]
     assert "broker.invalid" in warning
@@ -428,10 +429,10 @@ def test_an_authority_is_read_again(tmp_path: Path) -> None:
         assert len(running_agent.reporter.warnings) == 1
 
 
-def test_what_the_user_must_change_is_an_error_at_once() -> None:
-    login = Login(user="robot", password_variable="RIGEL_TEST_NOT_SET")
+def test_what_the_user_must_change_is_an_error_at_once(tmp_path: Path) -> None:
+    login = Login(user="robot", password_file=tmp_path / "missing")
     with (
-        pytest.raises(UserError, match="RIGEL_TEST_NOT_SET is not set"),
+        pytest.raises(UserError, match="missing cannot be read for the broker's password"),
         connect(find_port(), Recorder(), login),
     ):
         pass

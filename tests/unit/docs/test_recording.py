@@ -51,7 +51,8 @@ def test_a_terminal_is_as_wide_as_the_picture(tmp_path: Path) -> None:
     """What is wider would be outside of it."""
     (tmp_path / "Rigelfile").write_text("{" + "key: 1, " * 100 + "}")
     output = run("rigel check", tmp_path, context="none", code=2).output
-    assert max(len(line) for line in output.splitlines() if " | " in line) == COLUMNS
+    shown = re.sub(r"\x1b\[[\d;]*m", "", output)
+    assert max(len(line) for line in shown.splitlines() if " | " in line) == COLUMNS
 
 
 def test_the_picture_is_of_todays_commands() -> None:

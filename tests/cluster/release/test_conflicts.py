@@ -11,6 +11,7 @@ from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.deploy import diff
+from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.releases import deploy, down
@@ -79,6 +80,28 @@ def test_an_edited_field_is_seen_though_the_rigelfile_has_not_changed(
     assert "kubectl-edit owns .data.a" in caught.value.details[0]
     deploy(wanted, cluster, report=report, adopt=True)
     assert cluster.get(ref)["data"] == {"a": "1"}
+
+
+def test_what_others_add_is_named_and_removed_by_adopt(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """As `kubectl scale` leaves it, which writes a part of the object."""
+    made = make.deployment()
+    del made["spec"]["replicas"]
+    wanted = make.desired(made)
+    deploy(wanted, cluster, report=report)
+    ref = ref_of(made)
+    query = {"fieldManager": "kubectl"}
+    url = cluster.client.path_of(ref, "test", subresource="scale", query=query)
+    media = "application/merge-patch+json"
+    body = {"spec": {"replicas": 0}}
+    cluster.client.call("PATCH", url, "test", read_mapping, body=body, media=media)
+    assert describe_drift(cluster.get(ref)) == ["was changed by kubectl: replicas 0"]
+    assert diff(wanted, cluster).changes == ()
+    deploy(wanted, cluster, report=report, adopt=True)
+    live = cluster.get(ref)
+    assert (live["spec"]["replicas"], describe_drift(live)) == (1, [])
+    assert diff(wanted, cluster, adopt=True).changes == ()
 
 
 def test_an_object_that_is_not_ours_is_adopted_only_when_asked(

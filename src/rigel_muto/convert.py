@@ -81,9 +81,7 @@ def write(
     return made
 
 
-def _convert(
-    source: Muto, image: str | None = None, distro: str | None = None, *, builds: bool
-) -> Converted:
+def _convert(source: Muto, image: str | None, distro: str | None, *, builds: bool) -> Converted:
     """Return a stack's Rigelfile; that of an archive only if it may have sources beside it."""
     name = str(source.stack)
     nothing = Source(name, "")
@@ -116,7 +114,7 @@ def _convert(
         findings = (assumed.finding, *findings)
     compose = write_building_rigelfile if archive else write_rigelfile
     text = compose(name, stack, made, target)
-    return Converted(text, _render(nothing, findings), sources)
+    return Converted(text, tuple(render(nothing, one) for one in findings), sources)
 
 
 def _open(source: Muto) -> tuple[Stack, Find]:
@@ -140,7 +138,3 @@ def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterat
         problems = check(found.draft, target.distro)
         sure = (problem for problem in problems if not found.doubts.may_explain(problem.path))
         yield from (place(root, problem) for problem in sure)
-
-
-def _render(source: Source, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    return tuple(render(source, finding) for finding in findings)

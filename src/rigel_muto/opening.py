@@ -42,8 +42,11 @@ def open_stack(
         UserError: it may not be read.
     """
     if isinstance(name, YamlNode):
-        find = _look_in_both(Library(directory, home, chosen), ask)
-        return _choose_only(list_stacks(name), name), find
+        stacks = list_stacks(name)
+        if len(stacks) > 1:
+            message = f"this is a list of {len(stacks)} stacks"
+            raise Unreadable(error(name, message, "not-a-stack"))
+        return stacks[0], _look_in_both(Library(directory, home, chosen), ask)
     path = directory / name
     # os.path's answers False for a name that no file can have.
     if not os.path.exists(path) and path.suffix not in SUFFIXES:  # noqa: PTH110
@@ -52,20 +55,14 @@ def open_stack(
     library = Library(path.parent, home, chosen)
     try:
         stacks = library.open(path.name)
-    except OSError as error:
-        raise NotFound(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise NotFound(f"{path} is not UTF-8") from error
+    except OSError as fault:
+        raise NotFound(f"{path} cannot be read: {fault.strerror}") from fault
+    except UnicodeDecodeError as fault:
+        raise NotFound(f"{path} is not UTF-8") from fault
     if len(stacks) > 1:
         ids = ", ".join(stack.label for stack in stacks)
         raise NotFound(f"{path} has {len(stacks)} stacks, name one by its id: {ids}")
     return stacks[0], _look_in_both(library, ask)
-
-
-def _choose_only(stacks: tuple[Stack, ...], at: YamlNode) -> Stack:
-    if len(stacks) > 1:
-        raise Unreadable(error(at, f"this is a list of {len(stacks)} stacks", "not-a-stack"))
-    return stacks[0]
 
 
 def _look_in_both(library: Library, ask: Find | None) -> Find:

@@ -294,6 +294,6 @@ def _find_named(what: str, name: str, known: Mapping[str, T]) -> T:
         return known[name]
     near = find_nearest(name, known)
     raise UserError(
-        f'the Rigelfile has no {what} "{name}"' + (f", did you mean {near}?" if near else ""),
+        f'unknown {what} "{name}"' + (f', did you mean "{near}"?' if near else ""),
         hint=f"its {what}s are {', '.join(known)}" if known else f"it has no {what}s",
     )

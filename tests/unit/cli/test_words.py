@@ -217,15 +217,21 @@ def test_durations_that_are_none(text: str) -> None:
 
 def test_history(record: Any) -> None:
     """A table for people, JSON for scripts."""
-    one = SimpleNamespace(number=1, status="good", created="2026-01-01T00:00:00Z", description="d")
-    record(releases, "history", [one])
-    assert json.loads(call("history", "-o", "json").stdout) == [
-        {"number": 1, "status": "good", "created": "2026-01-01T00:00:00Z", "description": "d"}
-    ]
-    assert call("history").stdout == (
-        "REVISION  STATUS  CREATED               DESCRIPTION\n"
-        "1         good    2026-01-01T00:00:00Z  d\n"
-    )
+    values = {
+        "number": 1,
+        "status": "good",
+        "created": "2026-01-01T00:00:00Z",
+        "by": "ada@laptop",
+        "description": "d",
+        "images": ["robot:1"],
+        "changes": ["talker: changed"],
+    }
+    record(releases, "history", [SimpleNamespace(**values)])
+    assert json.loads(call("history", "-o", "json").stdout) == [values]
+    head, row = (" ".join(line.split()) for line in call("history").stdout.splitlines())
+    assert head == "REVISION STATUS AGE BY DESCRIPTION IMAGE CHANGES"
+    assert row.startswith("1 good ")
+    assert row.endswith(" ada@laptop d robot:1 talker: changed")
 
 
 def test_rollback(record: Any) -> None:

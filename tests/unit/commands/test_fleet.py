@@ -189,5 +189,5 @@ def test_a_name_that_a_job_would_store_is_refused(
 
 
 def test_an_unknown_sequence_is_named(cluster: Any, settings: Settings, report: Recorder) -> None:
-    with pytest.raises(UserError, match='no sequence "flet", did you mean fleet'):
+    with pytest.raises(UserError, match='unknown sequence "flet", did you mean "fleet"'):
         fleet.down(settings, "flet", report, volumes=False)

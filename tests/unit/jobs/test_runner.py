@@ -396,7 +396,7 @@ jobs: {deploy: {plugin: mine.Say, with: {}}}
 sequences: {deploy_all: {stages: [{jobs: [deploy]}]}}
 """
     chosen = settings(directory, text)
-    with pytest.raises(UserError, match=f'no {what} "deplyo", did you mean deploy'):
+    with pytest.raises(UserError, match=f'unknown {what} "deplyo", did you mean "deploy'):
         run(load(chosen.rigelfile), "deplyo", settings=chosen, report=told)
 
 

@@ -1,6 +1,6 @@
 """Machines of a local cluster that have ARM processors, as far as containers can see: emulated.
 
-containerd decides which platform of an image a machine gets. Debian's for arm64 runs under QEMU,
+containerd decides which platform of an image a machine gets. Compiled for arm64 it runs under QEMU,
 so it chooses as on a robot, and the kernel gives each program of an arm64 image to QEMU.
 """
 
@@ -15,7 +15,8 @@ from pathlib import Path
 
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import run
-from rigel_lab.cluster.components import obtain
+from rigel_lab.cluster.components import CONTAINERD, obtain
+from rigel_lab.cluster.gobuild import toolchain
 from rigel_lab.cluster.paths import STATE
 
 from .until import until
@@ -48,32 +49,24 @@ def emulated() -> Iterator[None]:
             (BINFMT / OWN).write_text("-1")
 
 
-def fetch_containerd() -> Path:
-    """Return a directory with Debian's containerd for arm64 and its libraries."""
-    place = cache_dir() / "debian-arm64"
+def build_containerd() -> Path:
+    """Return the local cluster's containerd, compiled for arm64."""
+    place = cache_dir() / f"arm64-{CONTAINERD.key()}"
     with locked(place.with_suffix(".lock")):
         if not place.exists():
-            work = place.with_name(".debian-arm64")
-            shutil.rmtree(work, ignore_errors=True)
-            command = ["mmdebstrap", "--architectures=arm64", "--variant=extract"]
-            run([*command, "--include=containerd", "bookworm", str(work)])
-            work.rename(place)
+            go, environment = toolchain(print)
+            words = [go, "build", *CONTAINERD.flags(), "-o", str(place), CONTAINERD.packages[0]]
+            run(words, cwd=CONTAINERD.lock, env={**environment, "GOARCH": "arm64"})
     return place
 
 
 def change(name: str, machine: str, kubectl: str) -> None:
     """Make a machine of a running cluster one with an ARM processor, until it ends."""
-    root, programs = fetch_containerd(), obtain(print)
+    emulated, programs = build_containerd(), obtain(print)
     directory = STATE / "clusters" / name / machine
-    start = directory / "containerd-arm64"
-    # Pods' programs have libraries of their own; containerd has those beside it.
-    start.write_text(
-        f'#!/bin/sh\nexport QEMU_LD_PREFIX={root}\nexec {root}/usr/bin/containerd "$@"\n'
-    )
-    start.chmod(0o755)
     old = find_containerd(directory)
     # In the machine's own mount namespace: the other machines keep theirs.
-    bind = ["mount", "--bind", str(start), programs.program("containerd")]
+    bind = ["mount", "--bind", str(emulated), programs.program("containerd")]
     run(["nsenter", "-t", old, "-m", *bind])
     run(["kill", old])
     until(lambda: find_containerd(directory) not in ("", old), "the emulated containerd")

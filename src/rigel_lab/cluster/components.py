@@ -23,7 +23,7 @@ from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
 from rigel_lab.cluster.releases import Release, ReleasedImage, Upstream
 
-KUBERNETES_VERSION = "1.34.4"
+KUBERNETES_VERSION = "1.37.2"
 
 KUBERNETES = GoBuild(
     "kubernetes",
@@ -47,6 +47,22 @@ KUBECTL = attrs.evolve(
     minutes=2,
     title=f"kubectl {KUBERNETES_VERSION}",
 )
+#: Kubernetes 1.36 and newer need containerd 2; Debian's is 1.6.
+CONTAINERD = GoBuild(
+    "containerd",
+    "2.4.2",
+    tuple(
+        f"github.com/containerd/containerd/v2/cmd/{name}"
+        for name in ("containerd", "containerd-shim-runc-v2", "ctr")
+    ),
+    stamps=("github.com/containerd/containerd/v2/version.Version=2.4.2",),
+    minutes=2,
+    release=Release(
+        "https://github.com/containerd/containerd/releases/download/v2.4.2",
+        "containerd-static-2.4.2-linux-{arch}.tar.gz",
+        sums="{file}.sha256sum",
+    ),
+)
 COREDNS = GoBuild(
     "coredns",
     "1.15.0",
@@ -65,7 +81,7 @@ LOCAL_PATH = GoBuild(
     release=ReleasedImage("registry-1.docker.io", "rancher/local-path-provisioner", "v0.0.37"),
 )
 #: What every cluster needs.
-GO_BUILDS = (KUBERNETES, COREDNS, LOCAL_PATH)
+GO_BUILDS = (KUBERNETES, CONTAINERD, COREDNS, LOCAL_PATH)
 
 MULTUS_MODULE = "gopkg.in/k8snetworkplumbingwg/multus-cni.v4"
 MULTUS = GoBuild(
@@ -161,7 +177,6 @@ ON_REQUEST = {
 
 DEBIAN_PACKAGES = (
     "etcd-server",
-    "containerd",
     "runc",
     "containernetworking-plugins",
     "docker-registry",
@@ -179,8 +194,9 @@ class Components:
 
     @property
     def path(self) -> list[str]:
-        """The directories of Debian's programs, for $PATH."""
-        return [f"{self.prefix}/usr/bin", f"{self.prefix}/usr/sbin"]
+        """The directories of containerd's and of Debian's programs, for $PATH."""
+        containerd = str(Path(self.program("containerd")).parent)
+        return [containerd, f"{self.prefix}/usr/bin", f"{self.prefix}/usr/sbin"]
 
     @property
     def cni_plugins(self) -> Path:
@@ -302,8 +318,8 @@ def require_apt() -> None:
     """Refuse a machine without Debian's packages."""
     if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
         raise LocalClusterError(
-            "the local cluster takes etcd, containerd and runc from Debian's or Ubuntu's packages,"
-            " and this machine has no apt-get",
+            "the local cluster takes etcd and runc from Debian's or Ubuntu's packages, and"
+            " this machine has no apt-get",
             hint="use kind, minikube or k3s; rigel works with any cluster of your kubeconfig",
         )
 

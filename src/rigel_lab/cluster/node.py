@@ -110,6 +110,7 @@ def configure_kubelet(layout: Layout, directory: Path, cgroup: str) -> None:
         "cgroupsPerQOS": True,
         "enforceNodeAllocatable": ["pods"],
         "failSwapOn": False,
+        "failCgroupV1": False,
         "maxPods": 200,
         "serializeImagePulls": False,
         "resolvConf": str(directory / "resolv.conf"),

@@ -29,7 +29,7 @@ class ClusterStatus:
     Attributes:
         running: whether all its machines run and the API server answers.
         registry: HOST:PORT to push to and to pull from, plain HTTP.
-        kubernetes: the version, as `v1.34.4`.
+        kubernetes: the version, as `v1.37.2`.
         kubectl: the path of a kubectl of the same version; "" without `--with kubectl`.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.

@@ -172,13 +172,14 @@ def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
 def test_only_what_is_asked_for_is_built(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, requested: list[str], more: list[str]
 ) -> None:
-    """A cluster needs three builds; each extra adds its own."""
+    """A cluster needs four builds; each extra adds its own."""
     built: list[str] = []
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(components, "unpack", lambda report: None)
     monkeypatch.setattr(GoBuild, "build", lambda self, report, why: built.append(self.name))
     found = components.obtain(print, requested, Upstream("none"))
-    assert sorted(built) == sorted(["kubernetes", "coredns", "local-path-provisioner", *more])
+    always = ["kubernetes", "containerd", "coredns", "local-path-provisioner"]
+    assert sorted(built) == sorted([*always, *more])
     assert ("loki" in found.go) == (requested == ["observability"])
 
 

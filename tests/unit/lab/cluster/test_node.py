@@ -24,14 +24,15 @@ def test_name_servers_on_loopback_are_left_out(tmp_path: Path) -> None:
 
 @pytest.fixture
 def layout(tmp_path: Path) -> Layout:
-    return Layout("a", tmp_path, Addresses("10.64.0.0/14"), Components({}, "/cache/debian"))
+    programs = Components({"containerd": "/cache/go/containerd"}, "/cache/debian")
+    return Layout("a", tmp_path, Addresses("10.64.0.0/14"), programs)
 
 
 def test_machines_have_nothing_of_the_users_environment(layout: Layout) -> None:
     """Programs get a PATH of their own; what a shell has exported does not reach containers."""
     found = layout.environment({"PATH": "/home/x/bin", "SECRET": "s", "PYTHONPATH": "p"})
     assert set(found) == {"PATH", "HOME", "LANG"}
-    assert found["PATH"].startswith("/cache/debian/usr/bin:")
+    assert found["PATH"].startswith("/cache/go:/cache/debian/usr/bin:")
 
 
 def test_proxies_are_passed_on_but_not_for_the_cluster(layout: Layout) -> None:

@@ -18,6 +18,7 @@ import pytest
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_lab.cluster import components, download, releases
 from rigel_lab.cluster.components import (
+    CONTAINERD,
     COREDNS,
     GO_BUILDS,
     K3S_KUBELET,
@@ -34,7 +35,7 @@ from rigel_lab.cluster.observability import NODE_EXPORTER, PROMETHEUS
 from rigel_lab.cluster.releases import Progress, Release, Upstream, place_of
 from tests.support.release_server import Fault, Releases
 
-FILES = [KUBERNETES, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
+FILES = [KUBERNETES, CONTAINERD, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
 IMAGES = [LOCAL_PATH, MULTUS]
 RELEASED = [*FILES, *IMAGES]
 KUBERNETES_FILES = f"dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/amd64"
@@ -107,6 +108,12 @@ def test_a_release_is_downloaded_and_checked(build: GoBuild, upstream: Upstream)
     ("build", "url", "sums"),
     [
         (KUBERNETES, f"{KUBERNETES_FILES}/kube-apiserver", "{}.sha256"),
+        (
+            CONTAINERD,
+            "github.com/containerd/containerd/releases/download/v2.4.2/"
+            "containerd-static-2.4.2-linux-amd64.tar.gz",
+            "{}.sha256sum",
+        ),
         (
             COREDNS,
             "github.com/coredns/coredns/releases/download/v1.15.0/coredns_1.15.0_linux_amd64.tgz",
@@ -413,7 +420,7 @@ def test_from_source_everything_is_compiled(
     asked = len(server.asked)
     compiles.clear()
     found = components.obtain(print, (), Upstream("none"))
-    names = ("kubernetes", "coredns", "local-path-provisioner")
+    names = ("kubernetes", "containerd", "coredns", "local-path-provisioner")
     assert sorted(compiles) == sorted((name, "") for name in names)
     assert found.go["kubelet"] == str(KUBERNETES.directory / "kubelet")
     assert len(server.asked) == asked

@@ -367,8 +367,8 @@ def test_who_may_not_look_is_not_kept_from_deploying(
     (warning,) = said.warnings
     assert warning == (
         "preflight could not check Multus' daemons, NetworkAttachmentDefinitions of other"
-        " namespaces, NetworkPolicies, nodes, whereabouts' IPPools (forbidden): problems there"
-        " appear when pods start [unseen]"
+        " namespaces, NetworkPolicies, Services, nodes (forbidden); problems there appear when pods"
+        " start [unseen]"
     )
 
 
@@ -376,7 +376,7 @@ def test_who_may_not_exec_sees_the_rest(
     namespace: str, as_user: Callable[..., Any], said: Any
 ) -> None:
     """Without the right to exec, machines are not looked at, and what objects tell is found."""
-    seen = ["nodes", "pods", "daemonsets", "network-attachment-definitions", "ippools"]
+    seen = ["nodes", "pods", "daemonsets", "network-attachment-definitions"]
     seen += ["networkpolicies", "servicecidrs"]
     user = as_user({"apiGroups": ["*"], "resources": seen, "verbs": ["get", "list"]})
     node = user.nodes()[0]
@@ -385,4 +385,4 @@ def test_who_may_not_exec_sees_the_rest(
         check(release(namespace, network), network, user, said)
     (warning,) = said.warnings
     assert f"interfaces and CNI programs of {node['metadata']['name']}" in warning
-    assert warning.endswith(" (forbidden): problems there appear when pods start [unseen]")
+    assert warning.endswith(" (forbidden); problems there appear when pods start [unseen]")

@@ -13,8 +13,9 @@ from typing import Any
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest
 
-#: Managers that are part of Kubernetes: what they set does not come from another tool.
-CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller")
+#: Managers that are part of Kubernetes, or of a release (its gate keeps its memory in a Secret):
+#: what they set does not come from another tool.
+CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller", "rigel-gate")
 
 
 def find_owned_fields(live: Manifest) -> Mapping[str, Any] | None:

@@ -96,6 +96,19 @@ def test_what_kubernetes_writes_is_no_drift(fake: FakeCluster, report: Any, mana
     assert fake.objects[TALKER]["spec"]["replicas"] == 3
 
 
+def test_the_memory_of_the_gate_is_no_drift(fake: FakeCluster, report: Any) -> None:
+    """It is not named, and --adopt leaves it alone, also where the Secret itself changes."""
+    there = ref("Secret", "ros-master-memory")
+    meta = {"name": there.name, "namespace": there.namespace}
+    memory = {"apiVersion": "v1", "kind": "Secret", "metadata": meta}
+    deploy(desired(memory), fake, report=report)
+    fake.as_manager("rigel-gate").patch(there, {"data": {"memory": "eA=="}})
+    assert warn(fake, report, desired(memory)) == []
+    for wanted in (memory, {**memory, "metadata": {**meta, "labels": {"team": "a"}}}):
+        deploy(desired(wanted), fake, report=report, adopt=True)
+        assert fake.objects[there]["data"] == {"memory": "eA=="}
+
+
 def test_notes_and_restarts_are_no_drift(fake: FakeCluster, report: Any) -> None:
     """Labels and annotations change nothing that runs; a restart is not a change."""
     deploy(desired(anonymous()), fake, report=report)

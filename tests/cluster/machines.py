@@ -91,12 +91,12 @@ def until_away(look: Callable[[], Mapping[str, Any]], names: Collection[str]) ->
     def is_true() -> bool:
         found = look()
         unready = {one["name"]: one["message"] for one in found["workloads"] if not one["done"]}
-        graph = found["graph"] or {"findings": []}
+        graph = found["graph"] or {"problems": []}
         return (
             set(unready) == set(names)
             and all("Kubernetes cannot reach the machine" in text for text in unready.values())
             and found["ready"] is not bool(names)
-            and {one["kind"] for one in graph["findings"]} <= {"not-looked"}
+            and {one["kind"] for one in graph["problems"]} <= {"not-looked"}
         )
 
     what = f"`rigel status` in which {sorted(names)} are out of reach"

@@ -190,14 +190,14 @@ def test_a_rollout_is_seen_while_it_happens(tab: Tab, robot: Talking) -> None:
     tab.wait("document.querySelector('#rollout').hidden", "the end of the roll-out")
     tab.wait(box("/talker", "ready"), "a talker that is ready")
     tab.wait(revision(2), "the revision")  # Kubernetes tells the end of the lock beside it
-    news = "document.querySelector('#history li').innerText.includes('/talker: changed')"
+    news = "document.querySelector('#history li').innerText.includes('/talker: env VERSION')"
     tab.wait(news, "what it has changed")
 
 
 def test_a_rollback_is_made_after_a_confirmation(tab: Tab, robot: Talking) -> None:
     """The release goes back; the page shows how."""
     click(tab, '[data-revision="1"]')
-    assert "/talker: changed" in tab.read("document.querySelector('dialog').innerText")
+    assert "/talker: env VERSION" in tab.read("document.querySelector('dialog').innerText")
     click(tab, "#confirm-yes")
     tab.wait("!document.querySelector('#change').hidden", "the rollback")
     tab.wait("document.querySelector('#change.done')", "the end of the rollback", 300)

@@ -210,9 +210,9 @@ class TestHostNetwork:
 
         def is_well() -> bool:
             done = release.project("status", "-o", "json", check=False)
-            return done.returncode == 0 and json.loads(done.stdout)["graph"]["findings"] == []
+            return done.returncode == 0 and json.loads(done.stdout)["graph"]["problems"] == []
 
-        release.project.until(is_well, "status without findings")
+        release.project.until(is_well, "status without problems")
 
     def test_neighbors_hear_each_other_without_a_network(self, deployed: Deploy) -> None:
         """They have one address and share no memory; discovery alone would work."""

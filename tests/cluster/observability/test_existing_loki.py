@@ -166,8 +166,9 @@ def test_logs_finds_there_what_pods_said_that_are_gone(theirs: Theirs) -> None:
     found = theirs.logs("--level", "error")
     assert {line["level"] for line in found} == {"error"}
     numbers = [int(line["text"].split()[-1]) for line in found if line["pod"] == old]
-    assert numbers == list(range(0, 10 * len(numbers), 10))
+    # The node runs before its lines go to their Loki: the first ones went to ours.
     assert len(numbers) > 0
+    assert numbers == list(range(numbers[0], numbers[0] + 10 * len(numbers), 10))
 
 
 def test_another_application_finds_it_too(theirs: Theirs) -> None:
@@ -209,12 +210,10 @@ def closed(theirs: Theirs) -> Callable[[str], Any]:
 def test_one_with_tenants_and_users_gets_the_lines(
     theirs: Theirs, closed: Callable[[str], Any]
 ) -> None:
-    """Under the tenant that is named, past who asks for the password; `logs` says what it reads."""
+    """Under the tenant that is named, past who asks for the password; `logs` reads containers."""
     found = until(lambda: closed(TENANT), "lines of the tenant")
     assert {one["stream"]["ros_node"] for one in found} == {"/talker"}
     assert closed("another") == []
     done = theirs.rigel("logs", "--since", "1h", "--tail", "1", "talker")
-    [why] = done.stderr.splitlines()
-    assert "needs a tenant or a password" in why
-    assert why.endswith("these are only the lines of existing containers")
+    assert done.stderr == ""
     assert "said" in done.stdout or "failed" in done.stdout

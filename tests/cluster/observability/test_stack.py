@@ -82,10 +82,25 @@ class Talker:
         lines = self.stack.lines(self.selector + " |= `count `")
         return [int(line.split()[-1]) for _, line in lines]
 
-    def beyond(self, number: int) -> list[int]:
-        """Return the numbers as soon as one is beyond another."""
-        until(lambda: (self.numbers() or [0])[-1] > number, f"a number beyond {number}")
-        return self.numbers()
+    def beyond(self, number: int) -> int:
+        """Return the last number as soon as it is beyond another."""
+        return until(lambda: self._last_beyond(number), f"a number beyond {number}")
+
+    def _last_beyond(self, number: int) -> int:
+        last = (self.numbers() or [0])[-1]
+        return last if last > number else 0
+
+    def check_whole_beyond(self, number: int) -> None:
+        """Wait until a number beyond another is there, and each before it once.
+
+        What waits to be sent again may arrive after what is newer.
+        """
+
+        def is_whole() -> bool:
+            numbers = self.numbers()
+            return bool(numbers) and numbers == list(range(max(number, numbers[-1]) + 1))
+
+        until(is_whole, f"each number up to one beyond {number}, once")
 
 
 @pytest.fixture(scope="module")
@@ -241,10 +256,9 @@ def test_a_new_collector_leaves_no_gap_and_no_double(talker: Talker) -> None:
 
 def check_restart(talker: Talker, collector: str) -> None:
     """Every number is there once, those of the restart too."""
-    last = talker.beyond(50)[-1]
+    last = talker.beyond(50)
     talker.stack.restart(collector)
-    numbers = talker.beyond(last + 100)
-    assert numbers == list(range(numbers[-1] + 1))
+    talker.check_whole_beyond(last + 100)
 
 
 def test_promtail_reads_the_same(
@@ -268,11 +282,10 @@ def test_promtail_reads_the_same(
 
 def test_loki_keeps_its_lines_over_a_restart(talker: Talker) -> None:
     """Those that it has, and those that come while it is away."""
-    last = talker.beyond(50)[-1]
+    last = talker.beyond(50)
     talker.stack.restart("loki")
     until(lambda: answers(talker), "Loki answers")
-    numbers = talker.beyond(last + 100)
-    assert numbers == list(range(numbers[-1] + 1))
+    talker.check_whole_beyond(last + 100)
 
 
 def answers(talker: Talker) -> bool:
@@ -302,15 +315,14 @@ def test_data_outlive_the_stack(talker: Talker) -> None:
     from rigel_k8s.observability.removal import remove
 
     stack = talker.stack
-    last = talker.beyond(50)[-1]
+    last = talker.beyond(50)
     remove(stack.cluster, DeployOptions(report=Recorder()), volumes=False)
     claims = stack.cluster.list("v1", "PersistentVolumeClaim", stack.namespace)
     assert {c["metadata"]["name"] for c in claims} >= {"loki-data", "prometheus-data"}
     assert stack.cluster.list("apps/v1", "Deployment", stack.namespace) == []
     stack.deploy()
     until(lambda: answers(talker), "Loki answers")
-    numbers = talker.beyond(last + 100)
-    assert numbers == list(range(numbers[-1] + 1))
+    talker.check_whole_beyond(last + 100)
 
 
 def test_applications_share_one_stack(

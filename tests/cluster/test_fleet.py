@@ -14,7 +14,8 @@ from rigel_k8s.objects.refs import ObjectRef
 
 pytestmark = pytest.mark.cluster
 
-#: The second robot's image does not exist.
+#: The second robot's image does not exist, and its registry answers only on a robot, if at all.
+MISSING = "localhost:1/rigel-k8s/missing:1"
 ROBOTS = ("first", "broken", "third", "fourth", "fifth")
 
 
@@ -29,7 +30,8 @@ def robots(admin: Any, namespace: str) -> Iterator[list[str]]:
 
 def write(directory: Path, registry: str, robots: list[str]) -> None:
     """Write a Rigelfile that deploys to two robots at once and stops after a failure."""
-    image = f"{registry}/rigel-k8s/{{{{ 'missing' if 'broken' in data.robot else 'pause' }}}}:1"
+    good = f"{registry}/rigel-k8s/pause:1"
+    image = f"{{{{ '{MISSING}' if 'broken' in data.robot else '{good}' }}}}"
     node = {"image": image, "command": ["/catatonit", "-P"], "readiness": "none", "parameters": {}}
     deploy = {
         "namespace": "{{ data.robot }}",
@@ -66,12 +68,14 @@ def test_a_robot_that_fails_ends_its_wave_and_no_other_begins(
     assert f"  done: robot={first}\n" in done.stderr
     assert f"  not begun: {'; '.join(f'robot={name}' for name in later)}\n" in done.stderr
     assert f"failed: job deploy (robot={broken})" in done.stderr
-    assert "rigel-k8s/missing:1 cannot be pulled" in done.stderr
+    assert f"image {MISSING} cannot be pulled" in done.stderr
     assert cluster.get(ObjectRef("apps/v1", "Deployment", first, "idle")) is not None
+    assert cluster.get(ObjectRef("apps/v1", "Deployment", broken, "idle")) is not None
     for left in later:
         assert cluster.get(ObjectRef("v1", "Namespace", "", left)) is None
     ended = rigel("down", "--sequence", "fleet", cwd=tmp_path).stdout
     assert f"removed rigel-k8s-application from {first}: " in ended
+    assert f"removed rigel-k8s-application from {broken}: " in ended
     assert f"there is no release rigel-k8s-application in the namespace {later[0]}\n" in ended
     for robot in (first, broken):
         assert cluster.list("v1", "Pod", robot) == []

@@ -85,18 +85,17 @@ def test_an_edited_field_is_seen_though_the_rigelfile_has_not_changed(
 def test_what_others_add_is_named_and_removed_by_adopt(
     cluster: Any, make: Any, report: Any
 ) -> None:
-    """As `kubectl scale` leaves it, which writes a part of the object."""
+    """As `kubectl patch` leaves it; of a `kubectl scale` of what we leave out no trace is kept."""
     made = make.deployment()
     del made["spec"]["replicas"]
     wanted = make.desired(made)
     deploy(wanted, cluster, report=report)
     ref = ref_of(made)
-    query = {"fieldManager": "kubectl"}
-    url = cluster.client.path_of(ref, "test", subresource="scale", query=query)
+    url = cluster.client.path_of(ref, "test", query={"fieldManager": "kubectl-patch"})
     media = "application/merge-patch+json"
     body = {"spec": {"replicas": 0}}
     cluster.client.call("PATCH", url, "test", read_mapping, body=body, media=media)
-    assert describe_drift(cluster.get(ref)) == ["was changed by kubectl: replicas 0"]
+    assert describe_drift(cluster.get(ref)) == ["was changed by kubectl-patch: replicas 0"]
     assert diff(wanted, cluster).changes == ()
     deploy(wanted, cluster, report=report, adopt=True)
     live = cluster.get(ref)

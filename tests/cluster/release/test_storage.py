@@ -14,11 +14,10 @@ from tests.support.releases import deploy, down
 pytestmark = pytest.mark.cluster
 
 
-def with_claim(make: Any, command: str) -> dict[str, Any]:
+def with_claim(make: Any) -> dict[str, Any]:
     volume = {"name": "data", "persistentVolumeClaim": {"claimName": "data"}}
     found: dict[str, Any] = make.deployment(
         "keeper",
-        command,
         pod={"volumes": [volume]},
         volumeMounts=[{"name": "data", "mountPath": "/data"}],
     )
@@ -35,8 +34,7 @@ def test_data_outlives_down_unless_volumes_are_asked_for(
     cluster: Any, make: Any, report: Any
 ) -> None:
     """A file in a claim is there again after down and deploy; --volumes removes the claim."""
-    forever = "trap 'exit 0' TERM; while true; do sleep 0.1; done"
-    wanted = make.desired(make.claim(), with_claim(make, forever))
+    wanted = make.desired(make.claim(), with_claim(make))
     deploy(wanted, cluster, report=report)
     write = ["sh", "-c", "echo kept > /data/file"]
     assert cluster.run(make.namespace, pod_of(cluster, make), write).code == 0
@@ -90,11 +88,16 @@ def test_a_claim_that_left_the_rigelfile_is_kept_and_told(
 def test_what_cannot_change_of_a_claim_is_refused_before_anything_is_applied(
     cluster: Any, make: Any, report: Any, size: str, storage_class: str | None, message: str
 ) -> None:
-    """The refusal explains, names the way out, and nothing else of the deploy is written."""
-    deploy(make.desired(make.claim(), make.config(a="1")), cluster, report=report)
+    """The refusal explains, names the way out, and nothing else of the deploy is written.
+
+    The claim has its volume, which it gets with its first pod: without one it is made anew.
+    """
+    keeper = with_claim(make)
+    deploy(make.desired(make.claim(), keeper, make.config(a="1")), cluster, report=report)
     changed = make.claim(size=size, storage_class=storage_class)
     ref = ObjectRef("v1", "PersistentVolumeClaim", make.namespace, "data")
-    wanted = make.desired(changed, make.config(a="2"), origins={ref: ("volumes", 0)})
+    origins = {ref: ("volumes", 0)}
+    wanted = make.desired(changed, keeper, make.config(a="2"), origins=origins)
     with pytest.raises(Refused) as caught:
         deploy(wanted, cluster, report=report)
     assert message in caught.value.details[0]
@@ -102,6 +105,21 @@ def test_what_cannot_change_of_a_claim_is_refused_before_anything_is_applied(
     assert caught.value.problems[0].path == ("volumes", 0)
     config = cluster.get(ObjectRef("v1", "ConfigMap", make.namespace, "config"))
     assert config["data"] == {"a": "1"}
+
+
+def test_a_claim_without_a_volume_is_made_anew_with_what_changes(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """It holds no data: what Kubernetes never changes of it does not keep a user waiting."""
+    deploy(make.desired(make.claim()), cluster, report=report)
+    ref = ObjectRef("v1", "PersistentVolumeClaim", make.namespace, "data")
+    before = cluster.get(ref)
+    if before["status"]["phase"] != "Pending":
+        pytest.skip("the storage class makes volumes before a pod needs them")
+    deploy(make.desired(make.claim(size="16Mi")), cluster, report=report)
+    after = cluster.get(ref)
+    assert after["metadata"]["uid"] != before["metadata"]["uid"]
+    assert after["spec"]["resources"]["requests"]["storage"] == "16Mi"
 
 
 def test_other_immutable_fields_are_explained_all_at_once(

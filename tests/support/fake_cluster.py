@@ -438,7 +438,10 @@ class FakeCluster:
     # For tests.
 
     def scale(self, ref: ObjectRef, replicas: int) -> Live:
-        """Write an object's `scale`, as `kubectl scale` and autoscalers do."""
+        """Write an object's `scale`, as `kubectl scale` and autoscalers do.
+
+        It is recorded who did only where somebody owned the number before.
+        """
         what = f"scale {ref}"
         with self.store.lock:
             old = self.require(ref, what)
@@ -448,7 +451,8 @@ class FakeCluster:
             mine = ownership.record([], self.manager, "Update", {path}, (), ref.api_version)
             new = clone(old)
             new["spec"]["replicas"] = replicas
-            new["metadata"]["managedFields"] = [*kept, {**mine[0], "subresource": "scale"}]
+            if kept != entries:
+                new["metadata"]["managedFields"] = [*kept, {**mine[0], "subresource": "scale"}]
             return self.write(what, ref, old, new)
 
     def settle(self, steps: int = 50) -> None:

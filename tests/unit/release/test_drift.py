@@ -46,13 +46,13 @@ def test_what_others_add_is_named(fake: FakeCluster, report: Any) -> None:
     wanted = desired(anonymous(), config(k="1"))
     deploy(wanted, fake, report=report)
     set_env(fake, "FOO", "bar")
-    fake.as_manager("kubectl").scale(TALKER, 2)
+    fake.as_manager("kubectl-patch").patch(TALKER, {"spec": {"replicas": 2}})
     fake.as_manager("kubectl-edit").patch(ref("ConfigMap", "c"), {"data": {"more": "2"}})
     fake.calls.clear()
     assert warn(fake, report, wanted) == [
         "ConfigMap c was changed by kubectl-edit: data more; --adopt undoes it",
         "Deployment talker was changed by kubectl-set: env FOO; --adopt undoes it",
-        "Deployment talker was changed by kubectl: replicas 2; --adopt undoes it",
+        "Deployment talker was changed by kubectl-patch: replicas 2; --adopt undoes it",
     ]
     assert {verb for verb, _ in fake.calls} <= {"get", "list"}
 
@@ -62,7 +62,7 @@ def test_adopt_removes_what_others_have_added(fake: FakeCluster, report: Any) ->
     wanted = desired(anonymous(), config(k="1"))
     deploy(wanted, fake, report=report)
     set_env(fake, "FOO", "bar")
-    fake.as_manager("kubectl").scale(TALKER, 2)
+    fake.as_manager("kubectl-patch").patch(TALKER, {"spec": {"replicas": 2}})
     [step] = diff(wanted, fake, adopt=True).changes
     assert step.result is not None
     assert "env" not in step.result["spec"]["template"]["spec"]["containers"][0]
@@ -90,7 +90,7 @@ def test_the_replicas_of_a_named_node_are_ours(fake: FakeCluster, report: Any) -
 def test_what_kubernetes_writes_is_no_drift(fake: FakeCluster, report: Any, manager: str) -> None:
     """An autoscaler of an anonymous node; --adopt leaves it alone, too."""
     deploy(desired(anonymous()), fake, report=report)
-    fake.as_manager(manager).scale(TALKER, 3)
+    fake.as_manager(manager).patch(TALKER, {"spec": {"replicas": 3}})
     assert warn(fake, report, desired(anonymous())) == []
     deploy(desired(anonymous()), fake, report=report, adopt=True)
     assert fake.objects[TALKER]["spec"]["replicas"] == 3

@@ -154,10 +154,12 @@ def test_drift_is_a_line_of_the_status(fake: FakeCluster, report: Any) -> None:
     made = workload()
     del made["spec"]["replicas"]
     deploy(desired(made), fake, report=report)
-    fake.as_manager("kubectl").scale(ref("Deployment", "talker"), 2)
+    theirs = fake.as_manager("kubectl-patch")
+    theirs.patch(ref("Deployment", "talker"), {"spec": {"replicas": 2}})
     fake.settle()
     found = status(fake, RELEASE)  # type: ignore[arg-type]
     assert [w.ok for w in found.workloads] == [True]
     assert click.unstyle(status_text(found)).endswith(
-        "1 of 1 ready\n\ntalker was changed by kubectl: replicas 2; `rigel run --adopt` undoes it"
+        "1 of 1 ready\n\n"
+        "talker was changed by kubectl-patch: replicas 2; `rigel run --adopt` undoes it"
     )

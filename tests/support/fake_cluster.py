@@ -440,7 +440,7 @@ class FakeCluster:
     def scale(self, ref: ObjectRef, replicas: int) -> Live:
         """Write an object's `scale`, as `kubectl scale` and autoscalers do.
 
-        It is recorded who did only where somebody owned the number before.
+        The number then has no owner: Kubernetes 1.37 does not record who did it.
         """
         what = f"scale {ref}"
         with self.store.lock:
@@ -448,11 +448,9 @@ class FakeCluster:
             path: ownership.Path = ("f:spec", "f:replicas")
             entries = old["metadata"].get("managedFields") or []
             kept = ownership.record(entries, "", "", (), {path}, ref.api_version)
-            mine = ownership.record([], self.manager, "Update", {path}, (), ref.api_version)
             new = clone(old)
             new["spec"]["replicas"] = replicas
-            if kept != entries:
-                new["metadata"]["managedFields"] = [*kept, {**mine[0], "subresource": "scale"}]
+            new["metadata"]["managedFields"] = kept
             return self.write(what, ref, old, new)
 
     def settle(self, steps: int = 50) -> None:

@@ -78,11 +78,22 @@ def test_the_replicas_of_a_named_node_are_ours(fake: FakeCluster, report: Any) -
     """Another number is refused, and put back by --adopt."""
     wanted = desired(workload(replicas=1))
     deploy(wanted, fake, report=report)
-    fake.as_manager("kubectl").scale(TALKER, 2)
+    fake.as_manager("kubectl-patch").patch(TALKER, {"spec": {"replicas": 2}})
     with pytest.raises(ConflictError) as caught:
         diff(wanted, fake)
-    assert caught.value.details == ("Deployment n/talker: kubectl owns .spec.replicas",)
+    assert caught.value.details == ("Deployment n/talker: kubectl-patch owns .spec.replicas",)
     deploy(wanted, fake, report=report, adopt=True)
+    assert fake.objects[TALKER]["spec"]["replicas"] == 1
+
+
+def test_a_scale_of_a_named_node_is_a_change_in_the_plan(fake: FakeCluster, report: Any) -> None:
+    """The number has no owner any more: it is shown as ours to write, and put back."""
+    wanted = desired(workload(replicas=1))
+    deploy(wanted, fake, report=report)
+    fake.as_manager("kubectl").scale(TALKER, 2)
+    [step] = diff(wanted, fake).changes
+    assert (step.action, step.ref) == ("change", TALKER)
+    deploy(wanted, fake, report=report)
     assert fake.objects[TALKER]["spec"]["replicas"] == 1
 
 

@@ -242,9 +242,11 @@ print("ended " + sys.argv[1], file=sys.stderr)
 def test_no_line_of_a_log_waits_for_the_master(pods, *, gate):
     """SIGINT in a call to the master would meet rospy's own lock in the same thread, for ever.
 
-    The master is frozen while SIGINT arrives: a node that calls it is in a call then.
+    The master is frozen while SIGINT arrives: a node that calls it is in a call then. Nobody
+    listens to /rosout by then: rospy locks what it sends to a subscriber, too, which SIGINT may
+    meet as well, whatever the master does.
     """
-    master = pods.gated()[0] if gate else pods.roscore()
+    master, roscore = pods.gated() if gate else [pods.roscore()] * 2
     program = "rigel_gate" if gate else "rosmaster"
     names = [f"n{number}" for number in range(4)]
     start = f"for n in {' '.join(names)}; do python3 -c '{LOGGING}' $n >/dev/null & done; wait"
@@ -252,6 +254,9 @@ def test_no_line_of_a_log_waits_for_the_master(pods, *, gate):
     for name in names:
         until(lambda name=name: pods.is_registered(pod, f"/{name}"), name)
     time.sleep(2)
+    roscore.signal("roscore.py", signal.SIGSTOP)  # it would start rosout again
+    roscore.signal("rosout/rosout", signal.SIGKILL)
+    time.sleep(2)  # the nodes' next lines find their connections closed
     master.signal(program, signal.SIGSTOP)
     time.sleep(1)
     for pid in set(pod.pids("init_node")) - {pod.init}:

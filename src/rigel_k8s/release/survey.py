@@ -2,7 +2,7 @@
 
 One LIST for each kind of object, one for the revisions. Only what is new, or what is changed
 according to the hash and the owned fields, is sent as a server-side dry run, with the pods that it
-would make; quotas and our rights are read at the same time. So whatever the cluster would refuse is
+would make; machines and our rights are read at the same time. So what the cluster would refuse is
 known before anything is applied, and an unchanged release costs nothing for it.
 """
 
@@ -43,7 +43,7 @@ class Survey:
     Attributes:
         manifests: what is desired, prepared, in the order of apply.
         live: what exists of it, and of what the last revision had.
-        foreseen: the result of dry runs, quotas and rights.
+        foreseen: the result of dry runs and rights.
         namespace: the release's namespace, None if it does not exist.
         history: the records of the release, the oldest first.
         last: the newest revision, None if it has none.

@@ -1,4 +1,4 @@
-"""What a real cluster refuses before the first write: pods, quotas and missing rights."""
+"""What a real cluster refuses before the first write: pods and missing rights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.refusals.verdict import Refused
@@ -67,7 +67,6 @@ GREEDY = {"resources": {"requests": {"cpu": "2"}, "limits": {"cpu": "2"}}}
             "no-resources",
             "must specify limits.memory",
         ),
-        (put_quota, "quota", "the quota small is too small: the release needs 2 more of pods"),
     ],
 )
 def test_refused_pods_are_known_before_any_write(
@@ -81,8 +80,7 @@ def test_refused_pods_are_known_before_any_write(
 ) -> None:
     """With the workload's place; nothing of the release is there afterwards."""
     prepare(admin, make.namespace)
-    if kind != "quota":  # which refuses the second pod only
-        until(lambda: words in try_pod(admin, make), f"refusal of pods: {words}", 120)
+    until(lambda: words in try_pod(admin, make), f"refusal of pods: {words}", 120)
     nodes = make.deployment("talker", **GREEDY), make.deployment("listener", **GREEDY)
     wanted = make.desired(*nodes, origins={ref_of(nodes[0]): ("nodes", "talker")})
 
@@ -158,12 +156,12 @@ def test_all_missing_rights_are_one_list(cluster: Any, admin: Any, make: Any, re
 def test_an_update_fits_into_a_quota_that_is_full(
     cluster: Any, admin: Any, make: Any, report: Any
 ) -> None:
-    """The old pod ends before the new one starts, so that both never count."""
+    """The old pod ends before the new one starts; where it does not, the roll-out has the cause."""
     deploy(make.desired(make.deployment()), cluster, report=report)
     put_quota(admin, make.namespace)
     newer = make.deployment(env=[{"name": "A", "value": "1"}])
     assert deploy(make.desired(newer), cluster, report=report).number == 2
     rolling = make.deployment(env=[{"name": "A", "value": "2"}])
     rolling["spec"]["strategy"] = {"type": "RollingUpdate", "rollingUpdate": {"maxUnavailable": 0}}
-    with pytest.raises(Refused, match="cannot be deployed"):
+    with pytest.raises(RolloutFailed, match="exceeded quota: small"):
         deploy(make.desired(rolling), cluster, report=report)

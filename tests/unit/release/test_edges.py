@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import IMAGE_ANNOTATION
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.deploy import diff, history
 from rigel_k8s.release.lease import lease_ref
@@ -309,3 +309,25 @@ def test_what_only_events_tell_is_told(fake: Any, report: Recorder, quick: None)
     fake.store.controllers = Controllers(kubelet)
     with pytest.raises(RolloutFailed, match="FailedMount: no such map"):
         deploy(desired(workload()), fake, report=report, patience=Patience(mount=0.05), timeout=5)
+
+
+class Full(Controllers):
+    """A namespace whose quota accepts no further pod."""
+
+    def replica_set(self, store: Any, replica_set: Any) -> None:
+        """Make no pod."""
+
+    def deployment(self, store: Any, live: Any) -> None:
+        super().deployment(store, live)
+        refused = 'pods "talker-1" is forbidden: exceeded quota: small, limited: pods=1'
+        condition = {"type": "ReplicaFailure", "status": "True", "message": refused}
+        status = store.objects[ref_of(live)]["status"]
+        self.status(store, store.objects[ref_of(live)], {**status, "conditions": [condition]})
+
+
+def test_a_quota_that_is_full_is_the_cause(fake: Any, report: Recorder, quick: None) -> None:
+    """Each pod alone fits, so no dry run names it: the roll-out does, with Kubernetes' numbers."""
+    fake.store.controllers = Full()
+    with pytest.raises(RolloutFailed, match=r"exceeded quota: small, limited: pods=1") as caught:
+        deploy(desired(workload()), fake, report=report, patience=Patience(quota=0.1), timeout=5)
+    assert str(caught.value.hint).startswith("request less, or have it raised")

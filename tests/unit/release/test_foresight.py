@@ -1,4 +1,4 @@
-"""What a deploy refuses before its first write: pods, quotas and rights."""
+"""What a deploy refuses before its first write: pods and rights."""
 
 from __future__ import annotations
 
@@ -36,21 +36,6 @@ def refuse_pods(message: str, status: int = 403) -> Callable[[Any, bool], Refusa
         return refusal(status, answer, "create Pod n/", context="c", server="s")
 
     return refuse
-
-
-def put_quota(fake: Any, **pairs: tuple[str, str]) -> None:
-    fake.create(
-        {
-            "apiVersion": "v1",
-            "kind": "ResourceQuota",
-            "metadata": {"name": "small", "namespace": "n"},
-            "status": {
-                "hard": {key: hard for key, (hard, _) in pairs.items()},
-                "used": {key: used for key, (_, used) in pairs.items()},
-            },
-        }
-    )
-    fake.calls.clear()
 
 
 @pytest.mark.parametrize(
@@ -146,18 +131,6 @@ def test_nothing_is_tried_in_a_namespace_to_come(fake: Any) -> None:
     assert not [call for call in fake.calls if call[0] == "try"]
 
 
-def test_quotas_that_we_may_not_see_refuse_nothing(fake: Any, report: Any) -> None:
-    """Kubernetes still does, when the pods are made."""
-
-    class Blind(type(fake)):  # type: ignore[misc]
-        def list(self, api_version: str, kind: str, *words: Any, **options: Any) -> Any:
-            if kind == "ResourceQuota":
-                raise Forbidden("you may not")
-            return super().list(api_version, kind, *words, **options)
-
-    assert deploy(desired(workload()), Blind(fake.store), report=report).status == "good"
-
-
 def test_one_reason_for_many_workloads_is_one_problem(fake: Any, report: Any) -> None:
     """The reason names each workload's own container: that is no difference."""
 
@@ -228,46 +201,14 @@ def test_a_jobs_own_dry_run_checks_its_pods() -> None:
     assert choose_trials([{**workload(), "kind": "Job"}], {}, []) == []
 
 
-def test_a_release_that_exceeds_a_quota_is_refused(fake: Any, report: Any) -> None:
-    """Each pod alone would fit, so that a dry run of one says nothing."""
-    put_quota(fake, pods=("2", "1"))
-    wanted = Desired(RELEASE, (workload("a"), workload("b")), remedies={"quota": "ask for less"})
-    with pytest.raises(Refused) as caught:
-        deploy(wanted, fake, report=report)
-    assert caught.value.details == (
-        "Deployment n/a, b: the quota small is too small: the release needs 2 more of pods; 1 of 2"
-        " are used; ask for less",
-    )
-    assert fake.writes == []
-
-
-def test_a_quota_that_a_dry_run_names_too_is_one_problem(fake: Any, report: Any) -> None:
-    """The sum of all pods says more than the first of them."""
-    put_quota(fake, pods=("1", "1"))
-    fake.store.refuse = refuse_pods('pods "talker-x" is forbidden: exceeded quota: small')
-    with pytest.raises(Refused) as caught:
-        deploy(desired(workload()), fake, report=report)
-    [problem] = caught.value.problems
-    assert problem.message.startswith("Deployment n/talker: the quota small is too small")
-
-
 def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:
     """The dry run of the new pod says that the quota is exceeded: the old one ends before."""
     deploy(Desired(RELEASE, (workload(),)), fake, report=report)
-    put_quota(fake, pods=("1", "1"))
     exceeded = refuse_pods('pods "talker-x" is forbidden: exceeded quota: small')
     fake.store.refuse = lambda live, dry_run: exceeded(live, dry_run) if dry_run else None
     newer = workload(image="r/app:2")
     newer["spec"]["strategy"] = {"type": "Recreate"}
     assert deploy(Desired(RELEASE, (newer,)), fake, report=report).number == 2
-
-
-def test_the_record_of_a_deploy_counts_too(fake: Any, report: Any) -> None:
-    """A quota of Secrets that is used up lets no revision be written."""
-    put_quota(fake, secrets=("1", "1"))
-    with pytest.raises(Refused, match="cannot be deployed"):
-        deploy(Desired(RELEASE, (config("c"),)), fake, report=report)
-    assert fake.writes == []
 
 
 def test_all_missing_rights_are_one_list_before_any_write(fake: Any, report: Any) -> None:

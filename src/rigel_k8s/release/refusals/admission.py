@@ -13,7 +13,6 @@ from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import is_optional, remedy_of
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.refusals.usage import list_excesses
 from rigel_k8s.release.survey import Survey
 
 SHOWN = 3  # names of workloads in a message; the others are counted
@@ -25,17 +24,16 @@ POD = re.compile(r'^pods "[^"]*" is forbidden: ')
 def find_refused_pods(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each reason for which the cluster refuses pods.
 
-    That a quota is exceeded is computed from all pods (`find_exceeded`); the dry run of a single
-    pod does not see that others end before it starts. Its answer counts if no pod ends.
+    That a quota is exceeded counts only if no pod ends: a dry run does not see that others end
+    before the new one starts.
     """
-    exceeded = {ref for excess in list_excesses(survey) for ref in excess.refs}
     ends = any(ref.kind in ("Deployment", "Pod") for ref in survey.live)
     reasons: dict[tuple[str, str], list[ObjectRef]] = {}
     for ref, answer in survey.foreseen.pods.items():
         if not isinstance(answer, Refusal):
             continue
         ground = str(answer.ground) if isinstance(answer, Forbidden) else "other"
-        if ground == "quota" and (ends or ref in exceeded):
+        if ground == "quota" and ends:
             continue
         reasons.setdefault((ground, describe_reason(answer, ref)), []).append(ref)
     for (ground, reason), refs in reasons.items():
@@ -68,16 +66,6 @@ def describe_reason(error: Refusal, ref: ObjectRef) -> str:
     causes = [f"{cause.field}: {cause.message}" for cause in error.causes if cause.field]
     text = "; ".join(causes) or POD.sub("", error.words) or error.message
     return text.replace(f'"{ref.name}"', "NAME")
-
-
-def find_exceeded(survey: Survey) -> Iterator[Problem]:
-    """Yield a problem for each quota that the release does not fit into."""
-    for excess in list_excesses(survey):
-        text = (
-            f"the quota {excess.quota} is too small: the release needs {excess.added} more of"
-            f" {excess.resource}; {excess.used} of {excess.hard} are used"
-        )
-        yield make_problem(survey, excess.refs, text, "quota")
 
 
 def make_problem(survey: Survey, refs: Sequence[ObjectRef], text: str, ground: str) -> Problem:

@@ -1,4 +1,4 @@
-"""What is read from the cluster before a deploy's first write: dry runs, quotas, our rights.
+"""What is read from the cluster before a deploy's first write: dry runs, machines, our rights.
 
 All requests are sent at once, and only if something is to be written. `verdict` decides what the
 answers mean.
@@ -68,14 +68,12 @@ class Foreseen:
     Attributes:
         results: by object: what apply would make of it, or why it would be refused.
         pods: by workload: its pod as the cluster would store it, or why it would be refused.
-        quotas: the namespace's ResourceQuotas.
         missing: the rights that are missing.
         obstacles: why objects would not work although the API server accepts them.
     """
 
     results: Mapping[ObjectRef, Live | Refusal] = attrs.field(factory=dict)
     pods: Mapping[ObjectRef, Manifest | Refusal] = attrs.field(factory=dict)
-    quotas: Sequence[Live] = ()
     missing: Sequence[Right] = ()
     obstacles: Sequence[Obstacle] = ()
 
@@ -89,10 +87,8 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     """
     results: dict[ObjectRef, Live | Refusal] = {}
     pods: dict[ObjectRef, Manifest | Refusal] = {}
-    quotas: list[Live] = []
     missing: list[Right] = []
     obstacles: list[Obstacle] = []
-    release, there = work.desired.release, work.namespace is not None
 
     def try_one(manifest: Manifest) -> None:
         ref = ref_of(manifest)
@@ -107,7 +103,7 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
 
     trials = choose_trials(work.in_reach, work.live, work.manifests)
     calls: list[Callable[[], None]] = [
-        lambda: missing.extend(look_for_missing(cluster, list_needed(work), release)),
+        lambda: missing.extend(look_for_missing(cluster, list_needed(work), work.desired.release)),
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
@@ -117,13 +113,11 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     claims = [m for m in work.candidates if is_new_claim(m, work.live)]
     if needs := find_needs(changed, claims, work.manifests):
         calls.append(lambda: obstacles.extend(find_absent(cluster, needs)))
-    if there and work.candidates:
-        calls.append(lambda: quotas.extend(list_quotas(cluster, release.namespace)))
     cluster.parallel(lambda call: call(), calls)
     refs = [ref_of(manifest) for manifest in work.in_reach]
     in_order = {ref: results[ref] for ref in refs}
     tried = {ref: pods[ref] for ref in refs if ref in pods}
-    return Foreseen(in_order, tried, quotas, missing, obstacles)
+    return Foreseen(in_order, tried, missing, obstacles)
 
 
 def find_obstacles(
@@ -161,11 +155,3 @@ def list_needed(work: Work) -> set[Right]:
         work.desired.release.namespace,
         create_namespace=work.namespace is None and work.desired.create_namespace,
     )
-
-
-def list_quotas(cluster: Cluster, namespace: str) -> Sequence[Live]:
-    """Return a namespace's quotas; none if we may not see them."""
-    try:
-        return cluster.list("v1", "ResourceQuota", namespace)
-    except ClusterError:
-        return []

@@ -8,11 +8,11 @@ from decimal import Decimal
 from rigel_k8s.objects.quantities import format_quantity, parse_quantity
 from rigel_k8s.objects.refs import Manifest, ref_of
 from rigel_k8s.objects.scheduling import find_taints, has_labels, is_chosen, may_run
-from rigel_k8s.release.refusals.quotas import amounts_of_pod
 from rigel_k8s.release.types import Obstacle
 
 HOSTNAME = "kubernetes.io/hostname"
 SHOWN = 5  # machines in a message
+NONE = Decimal(0)
 
 
 def find_homeless(workloads: Iterable[Manifest], nodes: Sequence[Manifest]) -> Iterator[Obstacle]:
@@ -69,17 +69,13 @@ def write_taint(taint: Manifest) -> str:
 
 def explain_size(workload: Manifest, fitting: Sequence[Manifest]) -> str:
     """Return why one pod of a workload is too large for each machine; "" if it is not."""
-    amounts = amounts_of_pod(workload["spec"]["template"])
-    asked = {
-        name.removeprefix("requests."): value
-        for name, value in sorted(amounts.items())
-        if name.startswith("requests.") and value
-    }
+    asked = add_requests(workload["spec"]["template"]["spec"])
     rooms = [(node["metadata"]["name"], read_room(node)) for node in fitting]
     if any(not room or holds(room, asked) for _, room in rooms):
         return ""
     for resource, value in asked.items():
-        name, most = max(((n, room.get(resource, Decimal(0))) for n, room in rooms), key=by_size)
+        name, room = max(rooms, key=lambda entry: entry[1].get(resource, NONE))
+        most = room.get(resource, NONE)
         if most >= value:
             continue
         requested = f"it requests {format_quantity(value)} of {resource}"
@@ -93,14 +89,24 @@ def explain_size(workload: Manifest, fitting: Sequence[Manifest]) -> str:
     return f"no machine that it may run on has all that it requests: {listed}"
 
 
-def by_size(entry: tuple[str, Decimal]) -> Decimal:
-    """Return the amount of a machine's entry."""
-    return entry[1]
+def add_requests(pod: Manifest) -> dict[str, Decimal]:
+    """Return what the containers of a pod request at the same time; what is missing is the limit.
+
+    Init containers that end before the others start are left to the scheduler.
+    """
+    total: dict[str, Decimal] = {}
+    stay = [one for one in pod.get("initContainers") or () if one.get("restartPolicy") == "Always"]
+    for container in (*stay, *(pod.get("containers") or ())):
+        resources = container.get("resources") or {}
+        own = {**(resources.get("limits") or {}), **(resources.get("requests") or {})}
+        for name, value in own.items():
+            total[name] = total.get(name, NONE) + parse_quantity(value)
+    return {name: value for name, value in sorted(total.items()) if value}
 
 
 def holds(room: Mapping[str, Decimal], asked: Mapping[str, Decimal]) -> bool:
     """Whether a machine has all that is requested."""
-    return all(room.get(resource, Decimal(0)) >= value for resource, value in asked.items())
+    return all(room.get(resource, NONE) >= value for resource, value in asked.items())
 
 
 def read_room(node: Manifest) -> dict[str, Decimal]:

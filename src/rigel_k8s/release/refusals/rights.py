@@ -46,7 +46,6 @@ def need_to_explain(namespace: str) -> Iterator[Right]:
     yield from grant("", "pods", "create", namespace)
     yield from grant("", "pods/log", "get", namespace)
     yield from grant("", "events", "list watch", namespace)
-    yield from grant("", "resourcequotas", "list", namespace)
     yield from grant("apps", "replicasets", "list watch", namespace)
 
 

@@ -1,7 +1,7 @@
 """Whether a deploy is refused before anything is applied, why, and the way out; pure.
 
 All reasons are reported at once: objects of other releases, fields of other managers, what
-Kubernetes never lets change, pods and quotas.
+Kubernetes never lets change, pods.
 """
 
 from __future__ import annotations
@@ -16,11 +16,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.text import plural
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
-from rigel_k8s.release.refusals.admission import (
-    find_exceeded,
-    find_obstacles,
-    find_refused_pods,
-)
+from rigel_k8s.release.refusals.admission import find_obstacles, find_refused_pods
 from rigel_k8s.release.refusals.missing import explain_missing
 from rigel_k8s.release.survey import Survey, belongs, describe_owner
 
@@ -70,7 +66,6 @@ def check(survey: Survey, *, adopt: bool) -> None:
         *find_foreign(survey),
         *find_invalid(survey),
         *find_refused_pods(survey),
-        *find_exceeded(survey),
         *find_obstacles(survey),
     ]
     if problems:

@@ -89,7 +89,7 @@ def test_an_image_that_was_loaded_onto_the_machines_stays(registry: TagRegistry)
 def test_the_stack_and_multus_are_pinned(registry: TagRegistry, fake: FakeCluster) -> None:
     """Both ask for the images that their options name."""
     name = f"{registry.host}/app:1"
-    said = {"loki": {"image": name}, "collector": "alloy", "alloy": {"image": name}}
+    said = {"loki": {"image": name}, "otel_collector": {"image": name}}
     parts = ("prometheus", "kube_state_metrics", "grafana")
     stack = desired_stack(request_of(said | {part: {"image": name} for part in parts}), fake)
     assert set(images_of(stack.desired.objects)) == {f"{name}@{DIGEST}"}

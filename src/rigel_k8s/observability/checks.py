@@ -63,7 +63,7 @@ def check_spans(options: Observability) -> Iterator[Problem]:
 def check_collector(options: Observability) -> Iterator[Problem]:
     """Yield collectors that are configured but not used, and a Loki that needs a setting."""
     used = options.collector or DEFAULT_COLLECTOR
-    for other in ("otel-collector", "promtail", "alloy"):
+    for other in ("otel-collector", "promtail"):
         if other != used and collector_part(options, other) not in (Part(), Part(enabled=False)):
             message = f"the collector is {used}, so this has no effect; set `collector: {other}`"
             path = (other.replace("-", "_"),)
@@ -72,7 +72,7 @@ def check_collector(options: Observability) -> Iterator[Problem]:
         message = (
             "the OpenTelemetry Collector sends labels as OTLP attributes, so this Loki needs an"
             " `otlp_config` that makes labels of them; set `collector: otel-collector` if it has"
-            " one, or `collector: alloy`, which needs none"
+            " one, or `collector: promtail`, which needs none"
         )
         yield Problem(("existing", "loki"), message, "otlp-labels", severity="warning", at_key=True)
 

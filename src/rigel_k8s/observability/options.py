@@ -191,7 +191,7 @@ class Observability:
     namespace: ObjectName | None = option(
         "the stack's namespace (default: that of the existing stack, otherwise monitoring)"
     )
-    collector: Literal["otel-collector", "promtail", "alloy"] | None = option(
+    collector: Literal["otel-collector", "promtail"] | None = option(
         "the program that reads the log lines (default otel-collector)"
     )
     placement: Machines = attrs.field(
@@ -212,9 +212,6 @@ class Observability:
         default=True,
         accepts=bool | Part,
         converter=part_of,
-    )
-    alloy: Part = option(
-        "the collector, if it is Alloy", default=True, accepts=bool | Part, converter=part_of
     )
     kube_state_metrics: Part | None = option(
         "metrics of Kubernetes' pods and machines (default: if this stack has a Prometheus)",

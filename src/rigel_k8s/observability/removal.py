@@ -11,7 +11,6 @@ from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.desired import NAMESPACE
 from rigel_k8s.observability.installation import find_namespace
-from rigel_k8s.observability.manifests.alloy import ALLOY
 from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR
 from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import RELEASE
@@ -24,7 +23,7 @@ from rigel_k8s.report import Reporter
 LOOK = 0.5
 #: Seconds in which a collector can send what it has read.
 HAND_OVER = 30.0
-COLLECTORS = (("DaemonSet", OTEL_COLLECTOR), ("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
+COLLECTORS = (OTEL_COLLECTOR, PROMTAIL)
 
 
 def remove(
@@ -60,8 +59,8 @@ def _stop_collecting(
     cluster: Cluster, namespace: str, report: Reporter, cancel: threading.Event
 ) -> None:
     """End the collector while Loki still runs and can take its last lines."""
-    for kind, name in COLLECTORS:
-        ref = ObjectRef("apps/v1", kind, namespace, name)
+    for name in COLLECTORS:
+        ref = ObjectRef("apps/v1", "DaemonSet", namespace, name)
         live = cluster.get(ref)
         if live is None or not belongs(live, ReleaseId(namespace, RELEASE)):
             continue

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from rigel_k8s.problems import Path
 
 WITHOUT_DHCP = "use `whereabouts` or `static` with a range that your DHCP server does not give out"
+ALLOY = "use `otel-collector`"
 
 #: Paths from a job's options, "*" for any key; a value is the last step of its path.
 ENDED: Mapping[tuple[str, ...], str] = {
@@ -14,6 +15,10 @@ ENDED: Mapping[tuple[str, ...], str] = {
     ("network", "mode", "ipvlan"): "use `macvlan`",
     ("network", "ipam", "dhcp"): WITHOUT_DHCP,
     ("network", "install", "dhcp"): "remove it (nothing takes addresses from DHCP any more)",
+    ("observability", "collector", "alloy"): ALLOY,
+    ("observability", "alloy"): ALLOY,
+    ("collector", "alloy"): ALLOY,  # a job of the stack's own
+    ("alloy",): ALLOY,
 }
 
 

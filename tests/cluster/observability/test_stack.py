@@ -424,9 +424,8 @@ def may(stack: Stack, part: str, verb: str, group: str, resource: str, below: st
 #: What cannot be run where its images cannot be had.
 UNRUN = {
     "grafana": {"grafana": {"service_type": "NodePort", "persistence": {"enabled": True}}},
-    "alloy": {"collector": "alloy", "collect": "all"},
     "their loki": {
-        "collector": "alloy",
+        "collector": "promtail",
         "existing": {"loki": {"url": "http://loki.logging:3100", "tenant": "a", "secret": "b"}},
     },
 }

@@ -18,8 +18,8 @@ WARNINGS = [
     ("not-used", "loki.chart", "{loki: {chart: grafana/loki}}"),
     ("not-used", "grafana.values", "{grafana: {values: {a: 1}}}"),
     ("clear-password", "grafana.admin_password", "{grafana: {admin_password: x}}"),
-    ("not-used", "alloy", "{alloy: {image: a}}"),
-    ("not-used", "otel_collector", "{collector: alloy, otel_collector: {image: a}}"),
+    ("not-used", "promtail", "{promtail: {image: a}}"),
+    ("not-used", "otel_collector", "{collector: promtail, otel_collector: {image: a}}"),
     ("otlp-labels", "existing.loki", "{existing: {loki: {url: 'http://loki.logging:3100'}}}"),
     (
         "not-used",
@@ -30,7 +30,7 @@ WARNINGS = [
 RIGHT = [
     "{enabled: true}",
     "{collector: promtail, promtail: {image: a}}",
-    "{collector: alloy, existing: {loki: {url: 'http://loki.logging:3100'}}}",
+    "{collector: promtail, existing: {loki: {url: 'http://loki.logging:3100'}}}",
     "{}",
     "{loki: {retention: 1d}}",
     "{loki: {retention: 0}}",

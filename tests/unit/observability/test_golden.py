@@ -21,12 +21,12 @@ kube_state_metrics: true
 node_exporter: true
 """
 EVERYTHING = """
-collector: alloy
+collector: promtail
 collect: all
 placement: {node: cloud-1, labels: {site: cloud}}
 node_exporter: {image: "registry.lab/node-exporter:1"}
 kube_state_metrics: {resources: {limits: {memory: 1Gi}}}
-alloy: {image: "registry.lab/alloy:1"}
+promtail: {image: "registry.lab/promtail:1"}
 grafana: {service_type: NodePort, persistence: {enabled: true, size: 2Gi}}
 prometheus:
   image: registry.lab/prometheus:1
@@ -45,7 +45,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "default": ("{}", {"api_servers": ("10.0.0.1", "fd00::1")}),
     "everything": (EVERYTHING, {}),
     "existing": (EXISTING, {}),
-    "alloy-existing": (f"collector: alloy\n{EXISTING}", {}),
+    "promtail-existing": (f"collector: promtail\n{EXISTING}", {}),
     "no-storage": ("{grafana: {enabled: false}, network_policies: false}", {"claims": False}),
     "logs-only": ("{prometheus: {enabled: false}, grafana: {enabled: false}}", {}),
     "promtail": ("collector: promtail", {}),
@@ -106,7 +106,7 @@ def test_placement_is_for_what_runs_once() -> None:
         if item["kind"] in ("Deployment", "DaemonSet")
     }
     chosen = {"kubernetes.io/hostname": "cloud-1", "site": "cloud"}
-    once = ("alloy", "grafana", "kube-state-metrics", "loki", "prometheus")
+    once = ("grafana", "kube-state-metrics", "loki", "prometheus")
     assert {name for name, found in where.items() if found == chosen} == set(once)
     assert where["node-exporter"] == {"kubernetes.io/os": "linux"}
 
@@ -114,7 +114,7 @@ def test_placement_is_for_what_runs_once() -> None:
 def test_claims_outlive_the_stack() -> None:
     """`down` leaves what holds data."""
     kept = {ref.name for ref in made("everything").protected}
-    assert kept == {"loki-data", "prometheus-data", "grafana-data", "alloy-data"}
+    assert kept == {"loki-data", "prometheus-data", "grafana-data"}
 
 
 def test_golden_files_have_their_case() -> None:

@@ -115,15 +115,15 @@ def job(raw: Mapping[str, Any] | None = None) -> JobContext:
 
 def test_what_one_application_does_not_say_stays_as_another_said_it(last: dict[str, Any]) -> None:
     """Lists and single values are replaced, and nothing is reset by silence."""
-    last |= {"loki": {"retention": "30d"}, "grafana": {"enabled": False}, "collector": "alloy"}
+    last |= {"loki": {"retention": "30d"}, "grafana": {"enabled": False}, "collector": "promtail"}
     found = asked({"enabled": True, "loki": {"service_type": "NodePort"}})
     options = found.stack.options
     assert (options.loki.retention, options.loki.service_type) == ("30d", "NodePort")
-    assert (found.stack.has_grafana, found.stack.collector) == (False, "alloy")
+    assert (found.stack.has_grafana, found.stack.collector) == (False, "promtail")
     assert found.desired.options == {
         "loki": {"retention": "30d", "service_type": "NodePort"},
         "grafana": {"enabled": False},
-        "collector": "alloy",
+        "collector": "promtail",
     }
 
 

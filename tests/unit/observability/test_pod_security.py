@@ -20,4 +20,4 @@ def test_only_what_reads_the_machines_needs_more() -> None:
                 bad = list(find_violations(spec)) or list_missing(spec)
                 (refused if bad else passing).add(item["metadata"]["name"])
     assert refused == {"otel-collector", "promtail", "node-exporter"}
-    assert passing == {"loki", "prometheus", "grafana", "kube-state-metrics", "alloy"}
+    assert passing == {"loki", "prometheus", "grafana", "kube-state-metrics"}

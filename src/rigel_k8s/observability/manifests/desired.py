@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.observability.manifests.alloy import ALLOY, alloy
 from rigel_k8s.observability.manifests.dashboards import dashboards
 from rigel_k8s.observability.manifests.frame import Object
 from rigel_k8s.observability.manifests.grafana import grafana
@@ -23,7 +22,6 @@ from rigel_k8s.release.types import Desired, ReleaseId
 
 COLLECTORS: Mapping[str, Callable[[Stack], Iterator[Object]]] = {
     OTEL_COLLECTOR: otel_collector,
-    ALLOY: alloy,
     PROMTAIL: promtail,
 }
 

@@ -48,7 +48,7 @@ LEVEL_FORMS = (
 TRACEBACK = r"^(?P<traceback>Traceback) \(most recent call last\):"
 #: From the word that was found to one of names.LEVELS.
 LEVEL_WORDS = {"warning": "warn", "critical": "fatal", "trace": "debug"}
-#: The same as a template of Promtail and Alloy.
+#: The same as a template of Promtail.
 LEVEL_TEMPLATE = (
     '{{ $word := ToLower (or .level "") }}{{ if not $word }}{{ if .traceback }}error{{ end }}'
     + "".join(f'{{{{ else if eq $word "{word}" }}}}{level}' for word, level in LEVEL_WORDS.items())

@@ -1,6 +1,6 @@
 """Labels of the contract (names.LABELS) from a pod's metadata, and files/relabelling.yaml.
 
-Promtail, Alloy, Prometheus and prometheus-operator all take them in this form.
+Promtail, Prometheus and prometheus-operator all take them in this form.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 
 
 def test_what_rigel_deploys_is_what_is_offered() -> None:
-    """The stack's own defaults are in the registry, but for Grafana and Alloy."""
+    """The stack's own defaults are in the registry, but for Grafana."""
     assert set(list_offered(["observability"])) == {
         images_of_stack.LOKI_IMAGE,
         images_of_stack.PROMTAIL_IMAGE,

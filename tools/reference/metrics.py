@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_exporter.metrics import FAMILIES, LABELS
-from rigel_k8s.observability.boards.meanings import SERIES
+from tools.reference.meanings import SERIES
 from tools.reference.tables import draw_table, join_page, list_code
 
 HEAD = """# Metrics

@@ -11,9 +11,9 @@ import pytest
 from rigel_exporter.metrics import FAMILIES, LABELS
 from rigel_k8s import errors, signals
 from rigel_k8s.kinds import EXIT_CODES
-from rigel_k8s.observability.boards.meanings import CONDITIONS, SERIES
 from tools.reference import PAGES
 from tools.reference.alerts import list_rules
+from tools.reference.meanings import CONDITIONS, SERIES
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"

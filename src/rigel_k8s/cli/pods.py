@@ -11,11 +11,11 @@ import click
 
 from rigel_k8s.cli.colors import name_style
 from rigel_k8s.cli.words import Timeout, complete_node, namespace_option, release_option, settings
+from rigel_k8s.observability.names import LEVELS
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
 
-LEVELS = ("debug", "info", "warn", "error", "fatal")
 FOLLOWED = 10  # old lines of each pod before the new ones
 #: What a line could do to a terminal beside its colors: set the title, move the cursor, overwrite.
 CONTROLS = re.compile(

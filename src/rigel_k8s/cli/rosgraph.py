@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.rosgraph import LiveGraph
     from rigel_k8s.rosgraph.drawing.picture import Picture
 
-FORMS = ("text", "json", "dot", "mermaid")
+FORMS = ("text", "json", "dot")
 #: Pictures, which Graphviz draws.
 PICTURES = ("svg", "png", "pdf")
 #: The format by a file's suffix.
-ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid"}
-ENDINGS |= {".mermaid": "mermaid", **{f".{form}": form for form in PICTURES}}
+ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot"}
+ENDINGS |= {f".{form}": form for form in PICTURES}
 
 
 @click.command()
@@ -157,13 +157,13 @@ def show(text: str, form: str, to: Path | None) -> None:
 
 def render(found: LiveGraph, form: str, *, everything: bool) -> str:
     """Return a graph in a form; a picture as what Graphviz draws it from."""
-    from rigel_k8s.commands import rosgraph as actions
+    from rigel_k8s.commands.rosgraph import picture_of
+    from rigel_k8s.rosgraph.drawing.dot import write_dot
 
     if form == "json":
         return json.dumps(graph_json(found), indent=2) + "\n"
-    if form == "text":
-        return graph_text(found, actions.picture_of(found, everything=everything))
-    return actions.draw(found, "dot" if form in PICTURES else form, everything=everything)
+    picture = picture_of(found, everything=everything)
+    return graph_text(found, picture) if form == "text" else write_dot(picture)
 
 
 def graph_json(found: LiveGraph) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,8 +14,6 @@ from rigel_k8s.errors import ClusterError, CommandFailed
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.drawing.dot import write_dot
-from rigel_k8s.rosgraph.drawing.mermaid import write_mermaid
 from rigel_k8s.rosgraph.drawing.picture import Picture, make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.reading import read_graph
@@ -24,8 +21,6 @@ from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.process import run
 
-#: The formats in which a graph can be described.
-DRAWINGS: Mapping[str, Callable[[Picture], str]] = {"dot": write_dot, "mermaid": write_mermaid}
 PAINTING = 60.0  # seconds that Graphviz may take
 
 
@@ -75,16 +70,6 @@ def measured_rates(found: Release) -> dict[str, float]:
     return {**counted, **heard}
 
 
-def draw(found: LiveGraph, form: str, *, everything: bool = False) -> str:
-    """Return a picture as text.
-
-    Args:
-        form: one of DRAWINGS.
-        everything: also what each node has, such as its log topic.
-    """
-    return DRAWINGS[form](picture_of(found, everything=everything))
-
-
 def paint(dot: str, form: str, to: Path) -> None:
     """Let Graphviz write a DOT document as a picture.
 
@@ -107,6 +92,6 @@ def paint(dot: str, form: str, to: Path) -> None:
 
 
 def picture_of(found: LiveGraph, *, everything: bool = False) -> Picture:
-    """Return what a picture shows."""
+    """Return what a picture shows; `everything`: also what each node has, such as its log topic."""
     title = f"{found.release.name} in {found.release.namespace}"
     return make_picture(found.graph, found.problems, title=title, everything=everything)

@@ -22,8 +22,13 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.ros1 import compare_types
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
+from rigel_k8s.rosgraph.types import (
+    GraphNode,
+    GraphService,
+    GraphTopic,
+    RosGraph,
+    compare_types,
+)
 
 #: The modules that are sent, each after those that it imports.
 MODULES = (

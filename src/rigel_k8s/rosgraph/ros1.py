@@ -1,29 +1,52 @@
-"""The graph of a ROS 1 master, read from inside a pod of the release.
+"""What is read of ROS 1 from inside a release's pods: the graph, parameters, the gate's state.
 
 Why a program in a pod: nodes register addresses that only pods reach, and their own API has what no
 master has: whether a node answers, the types it uses, how many messages it has sent. It runs where
-the master runs, whose container always has a Python. scripts/ros1_graph.py makes the requests; this
-module decides what its answers mean.
+the master runs, whose container always has a Python; the gate decides which pods may call it, and
+is asked in its own container. The programs make the requests; this module decides what the answers
+mean.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rigel_exporter.ros1_traffic import Ledger
-from rigel_k8s.errors import ClusterError
+from rigel_gate.calls import DESCRIBE_GATE
+from rigel_k8s.discovery.members import runs
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import explain_exec
+from rigel_k8s.objects.facts import is_ending
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.rosgraph.inside import read_module, run_inside
-from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
+from rigel_k8s.rosgraph.pods import GraphPod, read_pods
+from rigel_k8s.rosgraph.types import (
+    GraphNode,
+    GraphService,
+    GraphTopic,
+    RosGraph,
+    compare_types,
+)
 
 #: Every exporter's name begins with it. Exporters read the graph and are left out of it.
 EXPORTER_NAME = "/ros_exporter"
 #: What the master and nodes report instead of an unknown type.
 NO_TYPE = ("", "*")
 PYTHONS = ("python3", "python", "python2")
+#: Seconds that the gate has to answer, the start of a Python included.
+LIMIT = 10.0
+ASK = f"""
+import sys, xmlrpc.client
+gate = xmlrpc.client.ServerProxy("http://127.0.0.1:{MASTER_PORT}")
+sys.stdout.write(gate.{DESCRIBE_GATE}("/rigel")[2])
+"""
 
 
 def read(cluster: Cluster, pods: Sequence[GraphPod]) -> RosGraph:
@@ -96,18 +119,6 @@ def parse_topic(
     return GraphTopic(name, kind, publishers, subscribers, mismatches, rate)
 
 
-def compare_types(used: Sequence[tuple[str, str]]) -> tuple[str, tuple[Mismatch, ...]]:
-    """Return the type that most nodes use (of equals the first), and the nodes with another one.
-
-    Args:
-        used: (node, type) of each endpoint, publishers first.
-    """
-    counts = Counter(kind for _, kind in used)
-    kind = counts.most_common(1)[0][0] if counts else ""
-    others = sorted({(node, other) for node, other in used if other != kind})
-    return kind, tuple(Mismatch(node, other) for node, other in others)
-
-
 def list_others(names: Iterable[str]) -> tuple[str, ...]:
     """Return names of nodes, sorted, without exporters'."""
     return tuple(sorted({name for name in names if not is_exporter(name)}))
@@ -141,3 +152,71 @@ def measure_rates(counted: Iterable[Mapping[str, Any]]) -> dict[str, float]:
 def is_sent(part: Any) -> bool:
     """Whether a count is of messages that a node published."""
     return bool(part.direction == "published")
+
+
+def list_parameters(cluster: Cluster, release: ReleaseId) -> list[str]:
+    """Return the names of all parameters.
+
+    Raises:
+        UserError: the release does not use ROS 1.
+        ClusterError: the master does not answer.
+    """
+    return list(ask_master(cluster, release)["names"])
+
+
+def read_parameter(cluster: Cluster, release: ReleaseId, name: str) -> tuple[Any, ...]:
+    """Return a parameter's value alone; nothing if it does not exist. Raises as list_parameters."""
+    found = ask_master(cluster, release, name)
+    return (found["value"],) if "value" in found else ()
+
+
+def ask_master(cluster: Cluster, release: ReleaseId, *words: str) -> Mapping[str, Any]:
+    """Return the names of the master's parameters, or the value of one. Raises as above."""
+    items = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
+    pods = read_pods(items)
+    if pods and all(pod.ros.dds for pod in pods):
+        raise UserError(
+            f"{release.name} has no ROS master with parameters",
+            hint="`ros2 param` in `rigel exec` shows those of a ROS 2 node",
+        )
+    modules = [("ros1_parameters", read_module("rigel_inpod.sent.ros1_parameters"))]
+    return run_inside(cluster, choose_pod(pods), modules, words, pythons=PYTHONS)
+
+
+def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
+    """Return the state of the gate, which the master does not have; None if no gate runs."""
+    labels = {RELEASE_LABEL: release.name, NAME_LABEL: MASTER_NAME}
+    pods = cluster.list("v1", "Pod", release.namespace, labels=labels)
+    names = [
+        pod["metadata"]["name"]
+        for pod in pods
+        if runs(pod.get("status") or {}, GATE_CONTAINER) and not is_ending(pod)
+    ]
+    if not names:
+        return None
+    command = ["python3", "-E", "-S", "-B", "-c", ASK]
+    try:
+        done = cluster.run(
+            release.namespace, names[-1], command, container=GATE_CONTAINER, timeout=LIMIT
+        )
+    except ClusterError as error:
+        return GateStatus(problem=explain_exec(error))
+    if done.code != 0:
+        errors = done.stderr.decode("utf-8", "replace").splitlines()
+        return GateStatus(problem=errors[-1] if errors else f"exit code {done.code}")
+    answer = json.loads(done.stdout)
+    return GateStatus(
+        waiting=tuple(
+            WaitingNode(one["node"], one["api"], one["owner"]) for one in answer["waiting"]
+        ),
+        conflicts=tuple(
+            NameConflict(one["node"], one["old"], one["new"], one["time"])
+            for one in answer["conflicts"]
+        ),
+        silent=tuple(answer["silent"]),
+        has_master=answer["has_master"],
+        restarts=answer["restarts"],
+        blocked=answer["blocked"],
+        refused=tuple(answer["refused"]),
+        unkept=tuple(answer["unkept"]),
+    )

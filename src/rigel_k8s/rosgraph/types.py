@@ -6,7 +6,8 @@ these classes, which are independent of where a graph comes from.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import attrs
 
@@ -107,3 +108,15 @@ class RosGraph:
             for topic in self.topics
         )
         return attrs.evolve(self, topics=tuple(topics))
+
+
+def compare_types(used: Sequence[tuple[str, str]]) -> tuple[str, tuple[Mismatch, ...]]:
+    """Return the type that most nodes use (of equals the first), and the nodes with another one.
+
+    Args:
+        used: (node, type) of each endpoint, publishers first.
+    """
+    counts = Counter(kind for _, kind in used)
+    kind = counts.most_common(1)[0][0] if counts else ""
+    others = sorted({(node, other) for node, other in used if other != kind})
+    return kind, tuple(Mismatch(node, other) for node, other in others)

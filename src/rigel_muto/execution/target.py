@@ -24,8 +24,8 @@ from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.rigelfile.source import Source, YamlNode, node_of
-from rigel_k8s.rosgraph.parameters import list_parameters, read_parameter
 from rigel_k8s.rosgraph.reading import read_graph
+from rigel_k8s.rosgraph.ros1 import list_parameters, read_parameter
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.commands import Query
 from rigel_muto.agent.wanted import Wanted

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import threading
@@ -22,41 +21,8 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
+from tests.support.members import NOTE, PROBE, member, pod
 from tests.support.recorder import Recorder
-
-NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
-PROBE = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", "3"]
-STATUS = [
-    {"name": "pods", "interface": "eth0", "ips": ["10.244.1.2"], "default": True},
-    {"name": "lan", "interface": "net1", "ips": ["fd00::1", "10.1.0.7"]},
-]
-
-
-def pod(name: str = "talker-1", note: Any = NOTE, **more: Any) -> dict[str, Any]:
-    annotations = {"k8s.v1.cni.cncf.io/network-status": json.dumps(STATUS)}
-    if note is not None:
-        annotations["rigel-k8s/network"] = json.dumps(note)
-    mounts = [{"name": "rigel-inpod", "mountPath": "/rigel-k8s"}]
-    container = {
-        "name": "ros-node",
-        "volumeMounts": mounts,
-        "env": more.pop("env", []),
-        "readinessProbe": {"exec": {"command": more.pop("probe", PROBE)}},
-    }
-    return {
-        "metadata": {
-            "name": name,
-            "namespace": "robots",
-            "labels": {"app.kubernetes.io/name": "talker"},
-            "annotations": annotations,
-            **more,
-        },
-        "spec": {"nodeName": "node1", "containers": [{"name": "sidecar"}, container]},
-        "status": {
-            "podIP": "10.244.1.2",
-            "containerStatuses": [{"name": "ros-node", "state": {"running": {}}}],
-        },
-    }
 
 
 def test_member():
@@ -117,11 +83,6 @@ def test_own_ways():
     (found,) = members([pod(note={"mode": "none", "ros": "2"}, env=env)])
     assert found.own_ways == ("ROS_STATIC_PEERS",)
     assert not found.by_multicast
-
-
-def member(name: str, machine: str = "node1", **more: Any) -> Member:
-    (found,) = members([pod(name)])
-    return attrs.evolve(found, machine=machine, workload=name, address=None, **more)
 
 
 def participant(name: str, *, own: bool) -> dict[str, Any]:
@@ -278,6 +239,7 @@ class Here:
         return process.returncode
 
 
+@pytest.mark.programs
 def test_the_check_is_sent_into_the_pod():
     """Nothing of it is in the image or mounted, so a pod of any version can be examined."""
     alone = attrs.evolve(member("a"), interface=None, domain=97)

@@ -42,7 +42,7 @@ ROBOT = RosGraph(
     ),
     services=(GraphService("/base/reset", "std_srvs/srv/Empty", ("/base",)),),
 )
-#: Names that mean something to SVG, DOT and Mermaid.
+#: Names that mean something to SVG and DOT.
 ODD = RosGraph(
     nodes=(GraphNode('/a"<b>&#`\\', 'no"de<1>', "a&b"), GraphNode("/c", "node2", "c-1")),
     topics=(GraphTopic('/t"<x>&#`\\', 'T"<>', ('/a"<b>&#`\\',), ("/c",)),),

@@ -160,7 +160,6 @@ def test_text_has_no_colour_in_a_pipe(found: list[Any], capsys: pytest.CaptureFi
     ("name", "begin"),
     [
         ("a.dot", "digraph"),
-        ("a.mmd", "flowchart"),
         ("a.json", "{"),
         ("a", "rel"),
     ],

@@ -15,33 +15,19 @@ from rigel_exporter.dds_discovery import ENDPOINTS
 from rigel_exporter.dds_graph import describe
 from rigel_exporter.dds_participant import Participant
 from rigel_inpod.spdp import Announcement
-from rigel_k8s.discovery.members import Member
+from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.rosgraph import dds, inside
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch
 from tests.support.ddspeer import peer, some_domain
+from tests.support.members import pod
 from tests.support.pythons import find_python
 
 from .local import POD, LocalCluster
 
 PACKETS = Path(__file__).parents[1] / "exporter" / "packets"
-TALKER = Member(
-    namespace="robots",
-    pod="talker-1",
-    workload="talker",
-    machine="node1",
-    container="ros-node",
-    mode="macvlan",
-    domain=3,
-    middleware="fastdds",
-    interface="net1",
-    address="10.1.0.7",
-    ip="10.244.1.2",
-    servers=(),
-    own_ways=(),
-    running=True,
-)
+(TALKER,) = members([pod()])
 
 
 def play(name: str) -> Participant:
@@ -149,8 +135,8 @@ def test_the_exporters_pod_is_tried_first() -> None:
     exporter = GraphPod("ros-exporter-1", "robots", "ros-exporter", "c", running=True)
     talker = GraphPod("talker-1", "robots", "talker", "c", running=True)
     stopped = GraphPod("stopped-1", "robots", "stopped", "c")
-    members = [TALKER, attrs.evolve(TALKER, pod="stopped-1")]
-    assert dds.choose_pods([stopped, talker, exporter], members, 3) == [exporter, talker]
+    inside = [TALKER, attrs.evolve(TALKER, pod="stopped-1")]
+    assert dds.choose_pods([stopped, talker, exporter], inside, 3) == [exporter, talker]
 
 
 @pytest.mark.programs

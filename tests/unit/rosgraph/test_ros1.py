@@ -1,14 +1,26 @@
-"""A ROS 1 graph is read by the program that is run in a pod, here against a graph of threads."""
+"""What is read of ROS 1 by programs that are run in a pod, here against a graph of threads."""
 
 from __future__ import annotations
 
+import json
+import os
+import socketserver
 import sys
+import threading
+import xmlrpc.server
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects import pods
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import inside, ros1
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode, read_gate
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch
 from tests.support.pythons import find_python
@@ -18,6 +30,7 @@ from .local import POD, LocalCluster
 
 pytestmark = pytest.mark.programs
 
+RELEASE = ReleaseId("robots", "explorer")
 MODULES = [
     ("rosrpc", inside.read_module("rigel_inpod.rosrpc")),
     ("ros1_graph", inside.read_module("rigel_inpod.sent.ros1_graph")),
@@ -144,3 +157,139 @@ def test_the_masters_pod_is_asked_and_no_other_in_its_place() -> None:
     ended = GraphPod("ros-master-1", "robots", "ros-master", "c")
     with pytest.raises(ClusterError, match="roscore does not run"):
         ros1.choose_pod([ended, talker])
+
+
+class OnePod(LocalCluster):
+    """A cluster with one pod, which is this machine."""
+
+    ros = "1"
+
+    def list(self, *_: Any, **__: Any) -> list[dict[str, Any]]:
+        meta: dict[str, Any] = {
+            "name": "here",
+            "namespace": "robots",
+            "labels": {RELEASE_LABEL: "explorer"},
+        }
+        meta["annotations"] = {NETWORK_ANNOTATION: json.dumps({"ros": self.ros})}
+        container = {"name": "ros-node"}
+        state = {"name": "ros-node", "state": {"running": {}}}
+        status = {"phase": "Running", "containerStatuses": [state]}
+        return [{"metadata": meta, "spec": {"containers": [container]}, "status": status}]
+
+
+@pytest.mark.parametrize("python", ["2.7", "3"])
+def test_parameters_have_the_types_that_the_master_has(
+    python: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = sys.executable if python == "3" else find_python(python)
+    monkeypatch.setattr("rigel_k8s.rosgraph.ros1.PYTHONS", ["no-python3", found])
+    with ros_graph() as graph:
+        values = {"/rate": 2.5, "/a/list": [1, "x", True], "/tree": {"k": "ü"}, "/run_id": "run-1"}
+        graph.master.parameters = values  # type: ignore[assignment]
+        cluster: Any = OnePod(ROS_MASTER_URI=graph.master.uri)
+        assert ros1.list_parameters(cluster, RELEASE) == sorted(values)
+        for name, value in values.items():
+            assert ros1.read_parameter(cluster, RELEASE, name) == (value,)
+        assert ros1.read_parameter(cluster, RELEASE, "/missing") == ()
+
+
+def test_a_master_that_does_not_answer_is_an_error() -> None:
+    cluster: Any = OnePod(ROS_MASTER_URI="http://127.0.0.1:9/")
+    with pytest.raises(ClusterError, match="does not answer"):
+        ros1.list_parameters(cluster, RELEASE)
+
+
+def test_ros_2_has_no_master() -> None:
+    cluster: Any = OnePod()
+    cluster.ros = "2"
+    with pytest.raises(UserError, match="no ROS master"):
+        ros1.list_parameters(cluster, RELEASE)
+
+
+GATE = {
+    "waiting": [{"node": "/talker", "api": "http://10.0.0.2:1/", "owner": "http://10.0.0.1:1/"}],
+    "conflicts": [
+        {"node": "/map", "old": "http://10.0.0.3:1/", "new": "http://10.0.0.4:1/", "time": 3.5}
+    ],
+    "silent": ["/camera"],
+    "has_master": False,
+    "restarts": 2,
+    "nodes": 7,
+    "blocked": "the new master cannot be given its registrations",
+    "refused": ["service /ask of /talker at http://10.0.0.2:1/: bug"],
+    "unkept": ["the memory is not kept in the cluster: away"],
+}
+
+
+class MasterCluster(LocalCluster):
+    """A cluster with a ros-master pod that is this machine."""
+
+    def __init__(self, *containers: str, state: str = "running") -> None:
+        super().__init__(PATH=os.environ["PATH"])
+        self.containers, self.state = containers, state
+
+    def list(self, api_version: str, kind: str, namespace: str, *, labels: Any) -> list[Any]:
+        assert labels == {"rigel-k8s/release": "explorer", "app.kubernetes.io/name": "ros-master"}
+        states = [{"name": name, "state": {self.state: {}}} for name in self.containers]
+        return [
+            {
+                "metadata": {"name": "ros-master-1"},
+                "spec": {"containers": [{"name": name} for name in self.containers]},
+                "status": {"containerStatuses": states},
+            }
+        ]
+
+
+@pytest.fixture
+def answering(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A server that describes itself as a gate does."""
+    server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+    server.register_function(lambda _: [1, "", json.dumps(GATE)], "rigelDescribeGate")
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    ask = ros1.ASK.replace(str(pods.MASTER_PORT), str(server.server_address[1]))
+    monkeypatch.setattr(ros1, "ASK", ask)
+    yield
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.mark.usefixtures("answering")
+def test_a_gate_is_asked_in_its_pod() -> None:
+    """What it answers, as values."""
+    cluster = MasterCluster("ros-master", "gate")
+    assert read_gate(cluster, RELEASE) == GateStatus(  # type: ignore[arg-type]
+        waiting=(WaitingNode("/talker", "http://10.0.0.2:1/", "http://10.0.0.1:1/"),),
+        conflicts=(NameConflict("/map", "http://10.0.0.3:1/", "http://10.0.0.4:1/", 3.5),),
+        silent=("/camera",),
+        has_master=False,
+        restarts=2,
+        blocked="the new master cannot be given its registrations",
+        refused=("service /ask of /talker at http://10.0.0.2:1/: bug",),
+        unkept=("the memory is not kept in the cluster: away",),
+    )
+    assert cluster.pods == ["ros-master-1"]
+
+
+def test_a_master_without_a_gate_is_not_asked() -> None:
+    """Nor one whose gate does not run."""
+    for cluster in (MasterCluster("ros-master"), MasterCluster("gate", state="waiting")):
+        assert read_gate(cluster, RELEASE) is None  # type: ignore[arg-type]
+        assert cluster.pods == []
+
+
+def test_a_gate_that_cannot_be_asked_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A right that is missing, no answer: status goes on without it."""
+    with socketserver.TCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
+        port = server.server_address[1]
+    monkeypatch.setattr(ros1, "ASK", ros1.ASK.replace(str(pods.MASTER_PORT), str(port)))
+    found = read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
+    assert found is not None
+    assert "Connection refused" in found.problem
+
+    def refuse(*_: Any, **more: Any) -> Any:
+        raise Forbidden("no")
+
+    monkeypatch.setattr(MasterCluster, "run", refuse)
+    found = read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
+    assert found is not None
+    assert "pods/exec" in found.problem

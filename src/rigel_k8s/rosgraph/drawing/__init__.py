@@ -1,4 +1,4 @@
-"""Pictures of a ROS graph as text: DOT for Graphviz, Mermaid; pure.
+"""Pictures of a ROS graph in DOT; pure.
 
-`picture.py` chooses what is shown, the same for all forms; one module for each form writes it.
+`picture.py` chooses what is shown, `dot.py` writes it.
 """

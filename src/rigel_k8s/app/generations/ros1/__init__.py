@@ -82,7 +82,7 @@ def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Mem
 
 def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
     """Return what the gate answers."""
-    from rigel_k8s.rosgraph.gate import read_gate as read
+    from rigel_k8s.rosgraph.ros1 import read_gate as read
 
     return read(cluster, release)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.deploying.target import release_key, release_of
-from rigel_k8s.app.rights import need_to_deploy
+from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
@@ -68,7 +68,7 @@ class MutoAgentJob:
         rigelfile = grammar.load(job.settings.rigelfile, os.environ)
         release = release_of(options, job.settings, cluster)
         around = ReleaseContext(release.namespace, release.name, "", GENERATIONS["none"])
-        rules = make_rules(need_to_deploy(release.namespace))
+        rules = make_rules(read_rights(PURPOSES["deployer"], release.namespace))
         text = write_rigelfile(rigelfile, rigelfile.jobs[options.job])
         desired = Desired(
             release,

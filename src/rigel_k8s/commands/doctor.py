@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import attrs
 
-from rigel_k8s.app.rights import OBJECTS, OF_GATE, need_always, need_to_deploy, need_to_have
+from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
@@ -52,9 +52,10 @@ def lack(what: str, state: str, remedy: str) -> Need:
 
 def rights(cluster: Cluster, namespace: str) -> Iterator[Need]:
     """Report the missing rights: those that a deploy needs, then the optional ones."""
-    missing = set(ask_missing(cluster, need_to_deploy(namespace), namespace))
-    of_gate = missing & {*need_to_have(OF_GATE, namespace)}
-    needed = missing & {*need_to_have(OBJECTS, namespace), *need_always(namespace)}
+    every = read_rights(PURPOSES["deployer"], namespace)
+    missing = set(ask_missing(cluster, every, namespace))
+    needed = missing & read_rights(("deploy",), namespace)
+    of_gate = missing & read_rights(("gate",), namespace)
     what = f"rights in {namespace}"
     if needed:
         yield lack(

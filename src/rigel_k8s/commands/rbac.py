@@ -1,4 +1,4 @@
-"""Roles for people who deploy, view, or install: as manifests, from the declared rights."""
+"""Roles for people who deploy, view, or install, as manifests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 import attrs
 
 from rigel_k8s.app.deploying.target import context_namespace
-from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
+from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.rights import make_rules
@@ -58,15 +58,12 @@ def roles(
         purpose: deployer, viewer or installer.
         namespace: the role's; None: that of the settings, or of the context.
     """
-    if purpose == "installer":
-        from rigel_k8s.commands.installing import list_rules
-
-        return list(bind("ClusterRole", f"rigel-{purpose}", "", list_rules(), subjects))
-    where = namespace or settings.namespace or context_namespace(settings)
-    deployer = purpose == "deployer"
-    needed = need_to_deploy(where) if deployer else need_to_look(where)
-    rules = make_rules([*needed, *need_to_watch(where, deployer=deployer)])
-    return list(bind("Role", f"rigel-{purpose}", where, rules, subjects))
+    where, kind = "", "ClusterRole"
+    if purpose != "installer":
+        where = namespace or settings.namespace or context_namespace(settings)
+        kind = "Role"
+    rules = make_rules(read_rights(PURPOSES[purpose], where))
+    return list(bind(kind, f"rigel-{purpose}", where, rules, subjects))
 
 
 def find_open_namespace(settings: Settings, namespace: str | None) -> str | None:

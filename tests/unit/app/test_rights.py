@@ -10,11 +10,13 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
+from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.objects.rights import find_missing, make_rules
 from rigel_k8s.release.refusals.rights import find_resource, need_for
 
 from .test_golden import CASES, FOLDER
+
+DEPLOYER = read_rights(PURPOSES["deployer"], "n")
 
 
 def read_shapes() -> list[Any]:
@@ -30,15 +32,15 @@ def test_a_deployer_may_do_all_that_any_application_needs() -> None:
         item["metadata"]["namespace"] = "n"
     own = [item for item in shapes if item["kind"] != "PersistentVolume"]
     needed = need_for(own, own, own, "n")
-    assert find_missing(needed, make_rules(need_to_deploy("n"))) == []
+    assert find_missing(needed, make_rules(DEPLOYER)) == []
 
 
 def test_who_looks_sees_no_secret_and_changes_nothing() -> None:
     """And runs no command in a pod."""
-    rights = set(need_to_look("n"))
+    rights = read_rights(PURPOSES["viewer"], "n")
     assert {right.verb for right in rights} == {"get", "list", "watch"}
     assert not {"secrets", "pods/exec"} & {right.resource for right in rights}
-    assert rights < set(need_to_deploy("n"))
+    assert rights < DEPLOYER
 
 
 def test_the_documentation_says_what_each_right_is_needed_for() -> None:
@@ -50,7 +52,7 @@ def test_the_documentation_says_what_each_right_is_needed_for() -> None:
         for name in re.findall(r"`(.*?)`", names):
             documented[name] = set(re.split(r"[,;] ", verbs))
     granted: dict[str, set[str]] = defaultdict(set)
-    for right in (*need_to_deploy("n"), *need_to_watch("n", deployer=True)):
+    for right in DEPLOYER:
         name = f"{right.resource}.{right.group}" if "metrics" in right.group else right.resource
         granted[name].add(right.verb)
     assert documented == granted
@@ -65,11 +67,11 @@ def test_the_documented_role_for_volumes_is_what_a_deployer_needs_in_addition() 
     assert volumes
     needed = {r for r in need_for(volumes, volumes, volumes, "n") if not r.namespace}
     assert role["rules"] == make_rules(needed)
-    assert find_missing(needed, make_rules(need_to_deploy("n"))) == sorted(needed)
+    assert find_missing(needed, make_rules(DEPLOYER)) == sorted(needed)
 
 
 def test_no_right_is_for_all_verbs_or_kinds() -> None:
     """A Role without a star says what it grants; all of it is in the namespace."""
-    for right in need_to_deploy("n"):
+    for right in DEPLOYER:
         assert "*" not in (right.group, right.resource, right.verb)
         assert right.namespace == "n"

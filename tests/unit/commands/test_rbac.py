@@ -9,11 +9,15 @@ import yaml
 from click.testing import CliRunner
 
 from rigel_k8s.cli.main import cli
-from rigel_k8s.commands.installing import list_manifests, list_rules
 from rigel_k8s.commands.rbac import account
 from rigel_k8s.errors import UserError
-from rigel_k8s.objects.rights import find_missing, grant
-from rigel_k8s.release.refusals.rights import need_for
+from rigel_k8s.network.multus.desired import Installation, network_release
+from rigel_k8s.network.multus.platform import platform
+from rigel_k8s.network.multus.recognition import Group
+from rigel_k8s.objects.rights import find_missing, grant, make_rules
+from rigel_k8s.observability.desired import render_stack
+from rigel_k8s.observability.request import StackRequest
+from rigel_k8s.release.refusals.rights import find_resource, need_for
 from tests.support.fake_cluster import FakeCluster
 
 
@@ -62,21 +66,43 @@ def test_the_namespace_may_stand_after_the_command() -> None:
     assert role["metadata"] == {"name": "rigel-viewer", "namespace": "robots"}
 
 
+#: What an installer needs beside the installed objects and the rights of their programs.
+BESIDE = (
+    ("", "namespaces", "get create patch"),
+    ("", "secrets", "get list create patch delete"),  # revisions, and Grafana's password
+    ("coordination.k8s.io", "leases", "get create update patch delete"),
+    ("", "pods", "list watch create delete"),  # some prove that each machine attaches pods
+    ("", "pods/exec", "get create"),
+    ("k8s.cni.cncf.io", "network-attachment-definitions", "list create delete"),
+    ("", "nodes", "get list"),
+    ("storage.k8s.io", "storageclasses", "list"),
+    ("", "services/proxy", "get"),  # `rigel observe status` asks the stack
+    ("discovery.k8s.io", "endpointslices", "list"),
+    ("", "pods/log", "get"),  # why something is not ready
+    ("", "events", "list watch"),
+    ("apps", "replicasets", "list watch"),
+    ("", "persistentvolumeclaims", "list"),
+    ("apps", "daemonsets deployments statefulsets", "list"),
+    ("batch", "jobs", "list"),
+)
+
+
 def test_an_installer_may_write_all_that_is_installed_and_grant_its_rights() -> None:
-    """Kubernetes lets no one grant a right that they do not have."""
+    """Kubernetes lets no one grant a right that they do not have; nothing more is granted."""
     [role] = call("rbac", "installer")
     assert role["kind"] == "ClusterRole"
-    assert role["rules"] == list(list_rules())
-    made = list_manifests()
+    network = network_release(Installation((Group(platform("plain"), ()),)), "")
+    made = [*network.objects, *render_stack(StackRequest({})).desired.objects]
     assert find_missing(need_for(made, made, made, "kube-system"), role["rules"]) == []
-    granted = [rule for item in made for rule in item.get("rules") or []]
-    assert granted
-    for rule in granted:
-        for group in rule.get("apiGroups") or []:
-            rights = [*grant(group, " ".join(rule["resources"]), " ".join(rule["verbs"]))]
-            assert find_missing(rights, role["rules"]) == []
-        if rule.get("nonResourceURLs"):
-            assert rule in role["rules"]
+    needed = {right for words in BESIDE for right in grant(*words)}
+    for item in made:
+        if resource := find_resource(item["apiVersion"], item["kind"]):
+            group = item["apiVersion"].rpartition("/")[0]
+            needed.update(grant(group, resource.plural, "get list watch create patch delete"))
+        for rule in item.get("rules") or []:
+            for group in rule["apiGroups"]:
+                needed.update(grant(group, " ".join(rule["resources"]), " ".join(rule["verbs"])))
+    assert role["rules"] == make_rules(needed)
 
 
 @pytest.mark.parametrize("text", ["bot", ":bot", "ci:", ""])

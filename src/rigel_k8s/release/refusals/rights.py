@@ -1,6 +1,6 @@
 """The rights that a deploy needs, declared by what it does to each kind of object; pure.
 
-The check before a deploy, `rigel doctor` and the Roles of `rigel rbac` are made from them.
+The check before a deploy is made from them; app/rights.yaml has all that a user may need.
 """
 
 from __future__ import annotations
@@ -24,29 +24,6 @@ OTHERS = {
         "network-attachment-definitions", namespaced=True
     ),
 }
-
-
-def need_to_record(namespace: str) -> Iterator[Right]:
-    """Yield what every deploy needs: its Lease, its revisions, and to see its namespace."""
-    yield from grant("", "namespaces", "get", namespace)
-    yield from grant("", "secrets", "list create patch delete", namespace)
-    yield from grant("coordination.k8s.io", "leases", "get create update patch delete", namespace)
-
-
-def need_to_wait(namespace: str) -> Iterator[Right]:
-    """Yield what waiting for pods needs."""
-    yield from grant("", "pods", "list watch", namespace)
-
-
-def need_to_explain(namespace: str) -> Iterator[Right]:
-    """Yield rights without which a deploy works, but explains less and tries less in advance.
-
-    A right to create pods adds nothing for a user who may create Deployments: those create pods.
-    """
-    yield from grant("", "pods", "create", namespace)
-    yield from grant("", "pods/log", "get", namespace)
-    yield from grant("", "events", "list watch", namespace)
-    yield from grant("apps", "replicasets", "list watch", namespace)
 
 
 def need_for_kind(
@@ -83,9 +60,13 @@ def need_for(
         create_namespace: whether the namespace is created too.
     """
     made = list(manifests)
-    needed = {*need_to_record(namespace)}
+    needed = {
+        *grant("", "namespaces", "get", namespace),
+        *grant("", "secrets", "list create patch delete", namespace),  # its revisions
+        *grant("coordination.k8s.io", "leases", "get create update patch delete", namespace),
+    }
     if any(manifest["kind"] in WORKLOADS for manifest in made):
-        needed |= {*need_to_wait(namespace)}
+        needed |= {*grant("", "pods", "list watch", namespace)}
     watched = [manifest for manifest in made if manifest["kind"] in WATCHED]
     for verbs, objects in ((LOOK, made), (WAIT, watched), (WRITE, changing), (PRUNE, gone)):
         for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:

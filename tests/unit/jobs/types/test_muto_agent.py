@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s import kube
-from rigel_k8s.app.rights import need_to_deploy
+from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.commands.rigelfiles import check
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.objects.refs import ObjectRef
@@ -66,7 +66,7 @@ def test_an_agent_may_deploy_into_its_namespace(run: Any, fake: FakeCluster) -> 
     run()
     rbac = "rbac.authorization.k8s.io/v1"
     role = fake.objects[ObjectRef(rbac, "Role", "n", "muto-agent")]
-    assert find_missing(need_to_deploy("n"), role["rules"]) == []
+    assert find_missing(read_rights(PURPOSES["deployer"], "n"), role["rules"]) == []
     binding = fake.objects[ObjectRef(rbac, "RoleBinding", "n", "muto-agent")]
     subject = {"kind": "ServiceAccount", "name": "muto-agent", "namespace": "n"}
     assert binding["subjects"] == [subject]

@@ -13,7 +13,6 @@ from rigel_k8s.rigelfile.options import (
     realise,
     render_node,
 )
-from rigel_k8s.rigelfile.reference import reference
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 from rigel_k8s.rigelfile.starter import render_starter
@@ -37,7 +36,6 @@ __all__ = [
     "preview",
     "problems_error",
     "realise",
-    "reference",
     "render",
     "render_node",
     "render_starter",

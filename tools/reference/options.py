@@ -9,6 +9,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.commands.rigelfiles import list_option_classes
 from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
@@ -32,8 +33,9 @@ volumes](placement.md), [networks](networking.md), [security](security.md), [ima
 EXPLANATION = re.compile(r"(?=: | such as | \()")
 
 
-def reference(jobs: Mapping[tuple[str, ...], Any], providers: Mapping[tuple[str, ...], Any]) -> str:
-    """Return the Markdown page of option classes, each with all its names."""
+def write_options() -> str:
+    """Return the page of our job types and providers, each with all its names."""
+    jobs, providers = list_option_classes("job"), list_option_classes("provider")
     types = name_types([*jobs.values(), *providers.values()])
     sections = [HEAD]
     for title, components in (("Jobs", jobs), ("Providers", providers)):

@@ -17,7 +17,7 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Rigelfile, YamlNode, preview
-from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
+from rigel_k8s.rigelfile.model import ComponentSpec
 
 
 @attrs.frozen
@@ -95,20 +95,13 @@ def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[PlacedJob]:
     if line.job and line.job in rigelfile.jobs:
         yield PlacedJob(rigelfile.jobs[line.job])
     elif line.sequence and line.sequence in rigelfile.sequences:
-        for used in _uses(rigelfile.sequences[line.sequence]):
+        for used in rigelfile.sequences[line.sequence].list_uses():
             yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
     else:
         yield from (PlacedJob(spec) for spec in rigelfile.jobs.values())
         for sequence in rigelfile.sequences.values():
-            for used in _uses(sequence):
+            for used in sequence.list_uses():
                 yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
-
-
-def _uses(sequence: SequenceSpec) -> Iterator[JobUse]:
-    for stage in sequence.stages:
-        for inner in stage.stages if isinstance(stage, Parallel) else (stage,):
-            yield from inner.dependencies if isinstance(inner, Concurrent) else ()
-            yield from inner.jobs
 
 
 def _is_same_value(given: Any, ours: Any) -> bool:

@@ -139,9 +139,4 @@ def list_uses(
 
 def job_names(sequence: SequenceSpec) -> tuple[str, ...]:
     """Return the keys of the jobs that a sequence uses, each once."""
-    names: dict[str, None] = {}
-    for stage in sequence.stages:
-        for inner in stage.stages if isinstance(stage, Parallel) else (stage,):
-            served = inner.dependencies if isinstance(inner, Concurrent) else ()
-            names.update(dict.fromkeys(use.name for use in (*served, *inner.jobs)))
-    return tuple(names)
+    return tuple(dict.fromkeys(use.name for use in sequence.list_uses()))

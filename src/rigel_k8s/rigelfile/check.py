@@ -19,7 +19,7 @@ from rigel_k8s.rigelfile.findings import (
     render,
     sort_findings,
 )
-from rigel_k8s.rigelfile.grammar import Contents, read, used_name, uses
+from rigel_k8s.rigelfile.grammar import Contents, list_steps, list_uses, read, used_name
 from rigel_k8s.rigelfile.limits import LONGEST_LINE, MOST_BYTES, MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
@@ -194,10 +194,11 @@ class _Components:
         self._contents = contents
         self._resolve = cache(resolve)
         self._used: dict[str | None, dict[int, YamlNode | None]] = {}
-        for _, use in uses(root):
-            options = use.value.get("with") if isinstance(use.value, dict) else None
-            usable = options if options and isinstance(options.value, dict) else None
-            self._used.setdefault(used_name(use), {})[id(usable)] = usable
+        for _, step in list_steps(root):
+            for _, use in list_uses(step):
+                options = use.value.get("with") if isinstance(use.value, dict) else None
+                usable = options if options and isinstance(options.value, dict) else None
+                self._used.setdefault(used_name(use), {})[id(usable)] = usable
 
     def findings(self) -> Iterator[Finding]:
         for spec in self._contents.providers.values():

@@ -14,26 +14,14 @@ import attrs
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile.findings import Finding, place, suggest
-from rigel_k8s.rigelfile.forms import (
-    ApplicationForm,
-    ConcurrentForm,
-    JobForm,
-    JobUseForm,
-    ParallelForm,
-    ProviderForm,
-    RigelfileForm,
-    SequenceForm,
-    SequentialForm,
-)
 from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
 from rigel_k8s.rigelfile.model import (
+    ApplicationEntry,
     ComponentSpec,
-    Concurrent,
-    JobUse,
-    Parallel,
+    JobEntry,
+    ProviderEntry,
+    Sections,
     SequenceSpec,
-    Sequential,
-    Stage,
 )
 from rigel_k8s.rigelfile.source import Span, YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.structure import structure
@@ -52,7 +40,7 @@ class Contents:
 
 
 def read(root: YamlNode, directory: FilePath, known: list[Finding]) -> Contents:
-    """Return the contents of a rendered tree.
+    """Return the contents of a rendered tree, a mapping.
 
     Args:
         root: the tree.
@@ -60,27 +48,28 @@ def read(root: YamlNode, directory: FilePath, known: list[Finding]) -> Contents:
         known: findings about its templates.
     """
     reader = _Reader(root, known)
-    reader.entry((), RigelfileForm)
+    reader.entry((), Sections)
     application = reader.application(directory)
-    jobs = reader.components("jobs", JobForm)
-    providers = reader.components("providers", ProviderForm)
+    jobs = reader.components("jobs", JobEntry)
+    providers = reader.components("providers", ProviderEntry)
     sequences = reader.sequences()
-    reader.references()
+    reader.find_faults_of_stages()
     return Contents(application, jobs, providers, sequences, tuple(reader.findings))
 
 
-def uses(root: YamlNode) -> Iterator[tuple[Path, YamlNode]]:
+def list_uses(step: YamlNode, path: Path = ()) -> Iterator[tuple[Path, YamlNode]]:
     """Yield each entry of a stage's jobs and dependencies, with its path."""
-    for path, sequence in _entries(root, ("sequences",)):
-        for stage_path, stage in _entries(sequence, ("stages",), path):
-            yield from _stage_uses(stage, stage_path)
+    yield from _list_entries(step, path, "dependencies")
+    yield from _list_entries(step, path, "jobs")
 
 
-def _stage_uses(stage: YamlNode, path: Path) -> Iterator[tuple[Path, YamlNode]]:
-    yield from _entries(stage, ("dependencies",), path)
-    yield from _entries(stage, ("jobs",), path)
-    for inner_path, inner in _entries(stage, ("parallel",), path):
-        yield from _stage_uses(inner, inner_path)
+def list_steps(root: YamlNode) -> Iterator[tuple[Path, YamlNode]]:
+    """Yield each sequence, each of its stages and each stage in those, with its path."""
+    for path, sequence in _list_entries(root, (), "sequences"):
+        yield path, sequence
+        for stage_path, stage in _list_entries(sequence, path, "stages"):
+            yield stage_path, stage
+            yield from _list_entries(stage, stage_path, "parallel")
 
 
 def used_name(use: YamlNode) -> str | None:
@@ -95,15 +84,18 @@ def used_name(use: YamlNode) -> str | None:
     return name.raw if number else name.value if isinstance(name.value, str) else None
 
 
-def _entries(node: YamlNode, keys: Path, path: Path = ()) -> Iterator[tuple[Path, YamlNode]]:
+def _find(node: YamlNode, key: str) -> Any:
+    """Return the value of a key, None if there is none."""
+    child = node.value.get(key) if isinstance(node.value, dict) else None
+    return child and child.value
+
+
+def _list_entries(node: YamlNode, path: Path, key: str) -> Iterator[tuple[Path, YamlNode]]:
     """Yield the entries of the mapping or list under a key, if it is one."""
-    if not isinstance(node.value, dict) or keys[0] not in node.value:
-        return
-    inner = node.value[str(keys[0])].value
-    if isinstance(inner, dict):
-        yield from (((*path, *keys, key), child) for key, child in inner.items())
-    elif isinstance(inner, list):
-        yield from (((*path, *keys, number), child) for number, child in enumerate(inner))
+    inner = _find(node, key)
+    if isinstance(inner, dict | list):
+        pairs = inner.items() if isinstance(inner, dict) else enumerate(inner)
+        yield from (((*path, key, step), child) for step, child in pairs)
 
 
 class _Reader:
@@ -112,11 +104,8 @@ class _Reader:
         self._root = root
         self._known = known
 
-    def report(self, path: Path, message: str, kind: str) -> None:
-        self.findings.append(place(self._root, Problem(path, message, kind)))
-
     def entry(self, path: Path, kind: Any) -> Any | None:
-        """Return the value at a path as a form; None, and a report, if it does not fit."""
+        """Return the value at a path as a part of the model; None, and a report, if it is not."""
         node = locate(self._root, path)
         result = structure(node, kind)
         problems = [problem.under(path) for problem in result.problems]
@@ -137,101 +126,56 @@ class _Reader:
             message = "data.x is known when a job runs: only `with` and `matrix` may wait for it"
             self.findings.append(Finding(span, message, "template"))
 
-    def section(self, name: str) -> Iterator[tuple[Path, YamlNode]]:
-        node = self._root.value.get(name) if isinstance(self._root.value, dict) else None
-        if node is not None and isinstance(node.value, dict):
-            yield from _entries(self._root, (name,))
-
     def application(self, directory: FilePath) -> Application | None:
-        if not isinstance(self._root.value, dict) or "application" not in self._root.value:
+        if "application" not in self._root.value:
             return None
-        form = self.entry(("application",), ApplicationForm)
-        return Application(form.distro, directory / form.dir) if form else None
+        found = self.entry(("application",), ApplicationEntry)
+        return Application(found.distro, directory / found.dir) if found else None
+
+    def _section(self, name: str, kind: type[Any]) -> Iterator[tuple[Path, YamlNode, Any]]:
+        """Yield the valid entries of a section: path, Node, and what it means."""
+        if isinstance(_find(self._root, name), dict):
+            for path, node in _list_entries(self._root, (), name):
+                if found := self.entry(path, kind):
+                    yield path, node, found
 
     def components(self, section: str, kind: type[Any]) -> dict[str, ComponentSpec]:
-        found = {}
-        for path, node in self.section(section):
-            form = self.entry(path, kind)
-            if form:
-                name = str(path[-1])
-                plugin = form.plugin if isinstance(form, JobForm) else form.provider
-                options = form.options or attrs.evolve(node, value={})
-                found[name] = ComponentSpec(name, plugin, options, path)
-        return found
+        specs = [
+            ComponentSpec(
+                str(path[-1]), found.plugin, found.options or attrs.evolve(node, value={}), path
+            )
+            for path, node, found in self._section(section, kind)
+        ]
+        return {spec.name: spec for spec in specs}
 
     def sequences(self) -> dict[str, SequenceSpec]:
-        found = {}
-        for path, node in self.section("sequences"):
-            form = self.entry(path, SequenceForm)
-            self._empty(path, node)
-            if form:
-                found[str(path[-1])] = _sequence(form, path)
-        return found
+        return {str(path[-1]): found for path, _, found in self._section("sequences", SequenceSpec)}
 
-    def _empty(self, path: Path, sequence: YamlNode) -> None:
-        """Report empty lists, and matrices that are not valid."""
-        self._matrix(path, sequence)
-        self._no_entries(path, sequence, "stages")
-        for stage_path, stage in _entries(sequence, ("stages",), path):
-            self._matrix(stage_path, stage)
-            self._no_entries(stage_path, stage, "jobs", "parallel")
-            for inner_path, inner in _entries(stage, ("parallel",), stage_path):
-                self._no_entries(inner_path, inner, "jobs")
+    def find_faults_of_stages(self) -> None:
+        """Report empty lists, matrices that are not valid, and jobs that the file does not have."""
+        jobs = _find(self._root, "jobs")
+        known = jobs if isinstance(jobs, dict) else {}
+        for path, step in list_steps(self._root):
+            for key in ("stages", "jobs", "parallel"):
+                if _find(step, key) == []:
+                    self._report((*path, key), f"`{key}` is empty: nothing would run", "empty")
+            if isinstance(_find(step, "matrix"), dict):
+                self._find_faults_of_matrix(step, path)
+            for use_path, use in list_uses(step, path):
+                name = used_name(use)
+                if name is not None and name not in known:
+                    where = (*use_path, "name") if isinstance(use.value, dict) else use_path
+                    few = len(self.findings) < MOST_SUGGESTIONS
+                    message = f'unknown job "{name}"{suggest(name, known) if few else ""}'
+                    self._report(where, message, "unknown-job")
 
-    def _no_entries(self, path: Path, node: YamlNode, *keys: str) -> None:
-        for key in keys:
-            child = node.value.get(key) if isinstance(node.value, dict) else None
-            if child and child.value == []:
-                self.report((*path, key), f"`{key}` is empty: nothing would run", "empty")
-
-    def _matrix(self, path: Path, node: YamlNode) -> None:
-        matrix = node.value.get("matrix") if isinstance(node.value, dict) else None
-        if not matrix or not isinstance(matrix.value, dict):
-            return
-        for place_, values in _entries(node, ("matrix",), path):
+    def _find_faults_of_matrix(self, step: YamlNode, path: Path) -> None:
+        for key_path, values in _list_entries(step, path, "matrix"):
             if values.value == []:
-                self.report(place_, f"{place_[-1]} has no values: nothing would run", "empty")
+                self._report(key_path, f"{key_path[-1]} has no values: nothing would run", "empty")
             elif not isinstance(values.value, list) and not values.hole:
                 message = f"expected a list of values, got {kind_of(values.value)}"
-                self.report(place_, message, "wrong-type")
+                self._report(key_path, message, "wrong-type")
 
-    def references(self) -> None:
-        """Report jobs that stages name but the file does not declare."""
-        section = self._root.value.get("jobs") if isinstance(self._root.value, dict) else None
-        known = section.value if section and isinstance(section.value, dict) else {}
-        for path, use in uses(self._root):
-            name = used_name(use)
-            if name is not None and name not in known:
-                where = (*path, "name") if isinstance(use.value, dict) else path
-                few = len(self.findings) < MOST_SUGGESTIONS
-                message = f'unknown job "{name}"{suggest(name, known) if few else ""}'
-                self.report(where, message, "unknown-job")
-
-
-def _sequence(form: SequenceForm, path: Path) -> SequenceSpec:
-    stages = tuple(_stage(s, (*path, "stages", n)) for n, s in enumerate(form.stages))
-    return SequenceSpec(str(path[-1]), stages, form.matrix, form.description or None)
-
-
-def _stage(form: SequentialForm | ConcurrentForm | ParallelForm, path: Path) -> Stage:
-    if isinstance(form, ParallelForm):
-        inner = tuple(_jobs(s, (*path, "parallel", n)) for n, s in enumerate(form.parallel))
-        return Parallel(inner, form.matrix, form.description or None)
-    return _jobs(form, path)
-
-
-def _jobs(form: SequentialForm | ConcurrentForm, path: Path) -> Sequential | Concurrent:
-    jobs = _uses(form.jobs, (*path, "jobs"))
-    if isinstance(form, SequentialForm):
-        return Sequential(jobs, form.description or None)
-    dependencies = _uses(form.dependencies, (*path, "dependencies"))
-    return Concurrent(jobs, dependencies, form.description or None)
-
-
-def _uses(entries: list[str | JobUseForm], path: Path) -> tuple[JobUse, ...]:
-    return tuple(
-        JobUse(entry.name, entry.options, (*path, number))
-        if isinstance(entry, JobUseForm)
-        else JobUse(entry, None, (*path, number))
-        for number, entry in enumerate(entries)
-    )
+    def _report(self, path: Path, message: str, kind: str) -> None:
+        self.findings.append(place(self._root, Problem(path, message, kind)))

@@ -10,7 +10,6 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.rigelfile import forms
 from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
@@ -25,6 +24,13 @@ from rigel_k8s.rigelfile.fields import (
     summary,
     type_arguments,
     unwrap,
+)
+from rigel_k8s.rigelfile.model import (
+    ApplicationEntry,
+    JobEntry,
+    ProviderEntry,
+    Sections,
+    SequenceSpec,
 )
 from rigel_k8s.rigelfile.source import YamlNode
 
@@ -46,13 +52,13 @@ def schema(jobs: Types, providers: Types) -> Schema:
     """Return the schema of Rigelfiles whose jobs and providers may be these."""
     made = _Definitions()
     sections: dict[str, Schema] = {
-        "application": made.of(forms.ApplicationForm),
+        "application": made.of(ApplicationEntry),
         "vars": {"type": ["object", "null"]},
-        "jobs": _mapping_of(made.component(forms.JobForm, "plugin", jobs)),
-        "providers": _mapping_of(made.component(forms.ProviderForm, "provider", providers)),
-        "sequences": _mapping_of(made.of(forms.SequenceForm)),
+        "jobs": _mapping_of(made.component(JobEntry, "plugin", jobs)),
+        "providers": _mapping_of(made.component(ProviderEntry, "provider", providers)),
+        "sequences": _mapping_of(made.of(SequenceSpec)),
     }
-    fields = {field.key: field for field in fields_of(forms.RigelfileForm)}
+    fields = {field.key: field for field in fields_of(Sections)}
     properties = {key: {**inner, "description": fields[key].doc} for key, inner in sections.items()}
     return {
         "$schema": DRAFT,

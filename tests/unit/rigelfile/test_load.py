@@ -43,13 +43,13 @@ sequences:
     assert isinstance(first, Sequential)
     assert isinstance(second, Concurrent)
     assert isinstance(third, Parallel)
-    assert first.jobs[0] == JobUse("a", None, ("sequences", "demo", "stages", 0, "jobs", 0))
+    assert first.jobs[0] == JobUse("a")
     assert first.jobs[1].overrides is not None
     assert strip_places(first.jobs[1].overrides) == {"x": 2}
     assert [use.name for use in second.dependencies] == ["b"]
     assert second.description == "two"
     assert isinstance(third.stages[1], Concurrent)
-    assert third.stages[0].jobs[0].path[4:] == ("parallel", 0, "jobs", 0)
+    assert third.stages[0].jobs == (JobUse("a"),)
 
 
 def test_merged_mappings(loaded: Loader) -> None:

@@ -30,11 +30,10 @@ ENV = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["node", "info", "/late"], "/late/get_parameters: rcl_interfaces/srv/GetParameters"),
         (["topic", "info", "/rosout"], "Publisher count: 1"),
         (["param", "get", "/late", "use_sim_time"], "Boolean value is: False"),
     ],
-    ids=["node", "topic", "param"],
+    ids=["topic", "param"],
 )
 def test_a_command_waits_for_what_it_names(
     lab: Lab, tmp_path: Path, words: list[str], told: str

@@ -101,18 +101,13 @@ def test_kubectl_follows_the_listener_by_its_label(demo: Any) -> None:
     ("words", "told"),
     [
         ("node list --spin-time 6", r"\A/listener\n/talker_1\n/talker_2\n\Z"),
-        ("node info /talker_2", r"Publishers:\n    /chatter: std_msgs/msg/String"),
         ("topic list -t --spin-time 6", r"^/chatter \[std_msgs/msg/String\]$"),
         ("topic info /chatter", r"Publisher count: 2\nSubscription count: 1"),
-        ("topic type chatter", r"\Astd_msgs/msg/String\n\Z"),
         (
             "topic echo --once --field data /chatter",
             r"\Ahello world from talker_\d: \S+ \d+\n---\n",
         ),
-        ("service list --spin-time 6", r"^/talker_1/set_parameters$"),
-        ("param list /talker_1", r"^  nonce\n  rate$"),
         ("param get /talker_1 rate", r"\ADouble value is: 5.0\n\Z"),
-        ("param set /talker_2 nonce mine", r"\ASet parameter successful\n\Z"),
         ("topic pub -1 /chatter std_msgs/msg/String {data:\\ hi}", r"^publishing #1: .*data='hi'"),
     ],
 )

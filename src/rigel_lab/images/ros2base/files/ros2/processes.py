@@ -14,14 +14,13 @@ _STEPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 class Process:
     """One process; its output gets its name in front."""
 
-    def __init__(self, name, command, env):
-        self.name, self.command, self.env = name, command, env
+    def __init__(self, name, command):
+        self.name, self.command = name, command
 
     def start(self, number):
         self.label = f"{self.name}-{number}"
         self.popen = subprocess.Popen(
             self.command,
-            env=self.env,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -3,7 +3,9 @@
 import os
 from pathlib import Path
 
-from failure import Failure
+
+class Failure(Exception):
+    """A failure that the user can correct: the message; the exit code is 1."""
 
 
 def run(words):

@@ -17,8 +17,7 @@ import attrs
 from rigel_k8s.distros import DISTROS
 
 if TYPE_CHECKING:
-    from rigel_k8s.app.components.options import Component
-    from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+    from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
     from rigel_k8s.app.parameters import ParameterOptions
     from rigel_k8s.app.programs import Command
     from rigel_k8s.app.updating import Way

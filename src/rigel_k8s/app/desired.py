@@ -13,12 +13,12 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
-from rigel_k8s.app.networkpolicy.objects import policy_objects
+from rigel_k8s.app.networkpolicy import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.app.placing import remote_selector
-from rigel_k8s.app.security.restricted import restrict
+from rigel_k8s.app.security import restrict
 from rigel_k8s.app.storage import storage
 from rigel_k8s.generation import Companion, Generation, Texts, generation_of
 from rigel_k8s.network.modes import network_objects, wire_pod

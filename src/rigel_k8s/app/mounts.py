@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.storage import mount_path, volume_source
 from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
 from rigel_k8s.objects.pods import Object, drop_empty
 from rigel_k8s.objects.scalars import MountPath, ObjectName
+
+if TYPE_CHECKING:
+    from rigel_k8s.app.options import NodeOptions
 
 
 def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:

@@ -9,9 +9,9 @@ from itertools import chain
 
 import attrs
 
-from rigel_k8s.app.components.running import load_components
+from rigel_k8s.app.components import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
-from rigel_k8s.app.lifecycle.running import list_variables, make_transitions
+from rigel_k8s.app.lifecycle import list_variables, make_transitions
 from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH

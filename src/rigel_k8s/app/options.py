@@ -12,12 +12,11 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
-from rigel_k8s.app.components.options import Component
-from rigel_k8s.app.lifecycle.options import Lifecycle
-from rigel_k8s.app.networkpolicy.options import NetworkPolicy
-from rigel_k8s.app.security.options import Level, Security, security_of
+from rigel_k8s.app.networkpolicy import NetworkPolicy
+from rigel_k8s.app.security import Level, Security, security_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
 from rigel_k8s.objects.fields import option, required_field, true_is_default
+from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.podoptions import (
     Device,
     EnvVar,
@@ -112,6 +111,40 @@ class ParameterFile:
         "a file in the image; with `substitution_args` also $(find PACKAGE)/config/rates.yaml"
     )
     namespace: RosName | None = option("ROS 1: where its parameters go, below the node's name")
+
+
+@attrs.frozen(kw_only=True)
+class Component:
+    """A composable node of ROS 2, or a nodelet of ROS 1."""
+
+    package: str | None = option("ROS 2: the package that has the plugin")
+    plugin: str = required_field(
+        "the class: image_proc::RectifyNode in ROS 2, image_proc/rectify in ROS 1"
+    )
+    name: RosName | None = option("its ROS name, if it differs from the key")
+    namespace: RosName | None = option("its ROS namespace")
+    parameters: Mapping[str, Any] = option("its private parameters", {})
+    remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
+    extra_arguments: Mapping[str, Scalar] = option(
+        "ROS 2: further arguments of the component, such as use_intra_process_comms", {}
+    )
+
+    def full_name(self, key: str) -> str:
+        """Return the component's full ROS name, by its key."""
+        return ros_name(self.name or key, self.namespace)
+
+
+Transition = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
+
+
+@attrs.frozen(kw_only=True)
+class Lifecycle:
+    """The transitions of a lifecycle node (a managed node)."""
+
+    start: list[Transition] = option(
+        "at its start, one after the other; the pod is ready when the last one is made", []
+    )
+    stop: list[Transition] = option("before its pod ends", [])
 
 
 @attrs.frozen(kw_only=True)

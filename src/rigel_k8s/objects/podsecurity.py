@@ -1,8 +1,8 @@
 """What Kubernetes' Pod Security level "restricted" refuses in a pod's spec, whole or in part; pure.
 
-The level also requires fields; `app/security/` fills them in, with `pod_context`, which the stack's
-pods have too. Here are the values that no one can fill in, because something else is written there.
-Source: kubernetes.io, Pod Security Standards.
+The level also requires fields; `app/security.py` fills them in, with `pod_context`, which the
+stack's pods have too. Here are the values that no one can fill in, because something else is
+written there. Source: kubernetes.io, Pod Security Standards.
 """
 
 from __future__ import annotations

@@ -23,11 +23,11 @@ from rigel_k8s.app.checks.exporter import check_exporter
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
-from rigel_k8s.app.networkpolicy.checks import check_network_policy
+from rigel_k8s.app.networkpolicy import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
-from rigel_k8s.app.security.checks import check_security
+from rigel_k8s.app.security import check_security
 from rigel_k8s.app.updating import (
     is_rolling,
     requests_hand_over,

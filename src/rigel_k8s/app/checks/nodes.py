@@ -10,8 +10,8 @@ from rigel_k8s.app.checks.anonymous import check_anonymous
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
 from rigel_k8s.app.checks.shells import check_shell_words
-from rigel_k8s.app.components.checks import check_components
-from rigel_k8s.app.lifecycle.checks import check_lifecycle
+from rigel_k8s.app.components import check_components
+from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions

@@ -13,10 +13,9 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.components.options import Component
-from rigel_k8s.app.components.running import check_values, dotted
+from rigel_k8s.app.components import check_values, dotted
 from rigel_k8s.app.generations import masterless
-from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
     ParameterOptions,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rigel_k8s.app.components.options import Component
-from rigel_k8s.app.components.running import check_values
+from rigel_k8s.app.components import check_values
+from rigel_k8s.app.options import Component
 from rigel_k8s.app.parameters import tree
 from rigel_k8s.generation import Loading
 from rigel_k8s.problems import Problem

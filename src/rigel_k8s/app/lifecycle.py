@@ -1,18 +1,38 @@
-"""What is wrong with the lifecycle of a node; paths are the node's own."""
+"""The transitions of a lifecycle node: a script next to it makes them, and the preStop hook.
+
+Their contract is src/rigel_inpod/README.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import find_program
+from rigel_k8s.app.programs import Command, find_program, full_name, run_beside
 from rigel_k8s.app.updating import is_rolling
 from rigel_k8s.generation import Generation
 from rigel_k8s.problems import Problem
 
+STOP = "RIGEL_K8S_TRANSITIONS"
+
+
+def make_transitions(command: Command, key: str, node: NodeOptions) -> Command:
+    """Return a command that also runs the script that makes the transitions at the start."""
+    if not node.lifecycle or not node.lifecycle.start:
+        return command
+    words = ("start", full_name(key, node), *node.lifecycle.start)
+    return run_beside(command, "transitions.py", *words)
+
+
+def list_variables(key: str, node: NodeOptions) -> Mapping[str, dict[str, str]]:
+    """Return the variable that makes the preStop hook make the transitions at the end."""
+    if not node.lifecycle or not node.lifecycle.stop:
+        return {}
+    return {STOP: {"value": " ".join([full_name(key, node), *node.lifecycle.stop])}}
+
 
 def check_lifecycle(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
-    """Yield what is wrong with the transitions of a node."""
+    """Yield what is wrong with the transitions of a node; paths are the node's own."""
     if node.lifecycle is None:
         return
     if not node.lifecycle.start and not node.lifecycle.stop:

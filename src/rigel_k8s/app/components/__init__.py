@@ -1,1 +1,0 @@
-"""The option `components` of a node: several ROS nodes in one process."""

@@ -1,1 +1,0 @@
-"""The option `lifecycle` of a node of ROS 2: transitions at its start and end."""

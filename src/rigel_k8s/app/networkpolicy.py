@@ -1,0 +1,166 @@
+"""`network_policy`: NetworkPolicies that let only a release's own pods reach each other.
+
+They limit connections to the release's pods, never connections from them: DNS, a robot's
+own master and the API server stay reachable. A machine always reaches the pods that run on it, so
+probes work, and `rigel` connects through the API server and the pod's machine.
+"""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from ipaddress import ip_network
+from typing import TYPE_CHECKING
+
+import attrs
+
+from rigel_k8s.network.mode import mode_path
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.objects.fields import option
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import selector
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.objects.scalars import ObjectName, Text
+from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT, PROMETHEUS
+from rigel_k8s.problems import Path, Problem
+
+if TYPE_CHECKING:
+    from rigel_k8s.app.options import OrchestrationOptions
+
+NAMESPACE_LABEL = "kubernetes.io/metadata.name"
+ON_MACHINE = (
+    "pods on the machine's own network are not covered by network_policy, and the other pods of the"
+    " release refuse their connections: add the machines' addresses to network_policy.allow"
+)
+ATTACHED = (
+    "network_policy covers only the pods' first interface: everything on the second network reaches"
+    " all nodes there"
+)
+ELSEWHERE = (
+    "nodes of this master that run elsewhere cannot connect to the nodes of this release: add their"
+    " addresses or releases to network_policy.allow"
+)
+
+
+class Source(Text):
+    """What else may reach a release: another release, a namespace, or addresses."""
+
+    kind = "bad-source"
+    expects = "RELEASE, NAMESPACE/RELEASE, NAMESPACE/*, or addresses such as 192.168.1.0/24"
+    pattern = re.compile(r"[^/\s]+(/[^/\s]+)?")
+
+    @classmethod
+    def parse(cls, raw: str) -> Source:
+        """Return the source, or raise ValueError with what is expected."""
+        value = super().parse(raw)
+        if value.cidr is not None:
+            return value
+        namespace, slash, release = raw.rpartition("/")
+        names = [namespace] if slash else []
+        names += [] if slash and release == "*" else [release]
+        try:
+            for name in names:
+                ObjectName.parse(name)
+        except ValueError:
+            raise ValueError(f'"{raw}" is not {cls.expects}') from None
+        return value
+
+    @property
+    def cidr(self) -> str | None:
+        """The range of addresses that it names, None if it names releases."""
+        try:
+            return str(ip_network(self, strict=False))
+        except ValueError:
+            return None
+
+
+@attrs.frozen(kw_only=True)
+class NetworkPolicy:
+    """What may connect to the release's pods, in addition to the pods themselves."""
+
+    allow: list[Source] = option(
+        "others that may connect: RELEASE, NAMESPACE/RELEASE, NAMESPACE/* or a range of addresses",
+        [],
+    )
+
+
+def policy_objects(
+    release: ReleaseContext, options: NetworkPolicy, *, exporter: bool
+) -> Iterator[Object]:
+    """Yield the release's policies.
+
+    Args:
+        exporter: whether the release has a ROS exporter, which a Prometheus must reach.
+    """
+    own: Object = {"podSelector": {"matchLabels": {RELEASE_LABEL: release.release}}}
+    sources = [own, *(source_of(source) for source in options.allow)]
+    yield policy(release, release.release, {RELEASE_LABEL: release.release}, {"from": sources})
+    if exporter:
+        ports = [{"port": EXPORTER_PORT, "protocol": "TCP"}]
+        scraper = {"namespaceSelector": {}, "podSelector": {"matchLabels": selector(PROMETHEUS)}}
+        rule = {"from": [scraper], "ports": ports}
+        yield policy(
+            release,
+            f"{release.release}-{EXPORTER}",
+            {RELEASE_LABEL: release.release, **selector(EXPORTER)},
+            rule,
+            part_of=EXPORTER,
+        )
+
+
+def source_of(source: Source) -> Object:
+    """Return the peer of a policy that a source names."""
+    if source.cidr is not None:
+        return {"ipBlock": {"cidr": source.cidr}}
+    namespace, _, name = source.rpartition("/")
+    peer: Object = {}
+    if namespace:
+        peer["namespaceSelector"] = {"matchLabels": {NAMESPACE_LABEL: namespace}}
+    if name != "*":
+        peer["podSelector"] = {"matchLabels": {RELEASE_LABEL: name}}
+    return peer
+
+
+def policy(
+    release: ReleaseContext,
+    name: str,
+    pods: dict[str, str],
+    rule: Object,
+    part_of: str | None = None,
+) -> Object:
+    """Return a policy that lets only the sources of one rule connect to some pods."""
+    return {
+        "apiVersion": "networking.k8s.io/v1",
+        "kind": "NetworkPolicy",
+        "metadata": release.metadata(name, part_of=part_of),
+        "spec": {
+            "podSelector": {"matchLabels": pods},
+            "policyTypes": ["Ingress"],
+            "ingress": [rule],
+        },
+    }
+
+
+def check_network_policy(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield pods that no policy covers, or that a policy cuts off."""
+    if options.network_policy is None:
+        return
+    mode = mode_of(options.network)
+    addresses = any(source.cidr for source in options.network_policy.allow)
+    if mode.attached:
+        path: Path = ("network_policy",)
+        yield Problem(path, ATTACHED, "not-covered", severity="warning", at_key=True)
+    if options.ros_master_uri and not options.network_policy.allow:
+        path = ("ros_master_uri",)
+        yield Problem(path, ELSEWHERE, "not-covered", severity="warning", at_key=True)
+    if addresses:
+        return
+    if options.network is not None and mode.in_machine_network:
+        path = mode_path(options.network)
+        yield Problem(path, ON_MACHINE, "not-covered", severity="warning", at_key=True)
+    for key, node in options.nodes.items():
+        if node.host_network:
+            path = ("nodes", str(key), "host_network")
+            yield Problem(path, ON_MACHINE, "not-covered", severity="warning", at_key=True)

@@ -1,0 +1,222 @@
+"""`security: restricted`: the user of pods, their privileges, their writable directories.
+
+It fills in what is missing, so what a Rigelfile sets itself stays; the checks refuse what the level
+does not allow. Images that run as root work too, because what ROS writes goes to volumes: HOME with
+its logs, and /tmp.
+"""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import attrs
+
+from rigel_k8s.app.mounts import device_of, mount_of
+from rigel_k8s.generation import GENERATIONS, Generation
+from rigel_k8s.network.mode import mode_path
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.objects.fields import option
+from rigel_k8s.objects.naming import ROS_ANNOTATION
+from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.objects.pods import DEFAULT_CONTAINER, Object
+from rigel_k8s.objects.podsecurity import find_in_context, find_violations, pod_context
+from rigel_k8s.objects.raw import pod_of
+from rigel_k8s.objects.scalars import Number
+from rigel_k8s.problems import Path, Problem
+
+if TYPE_CHECKING:
+    from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+
+#: HOME of all containers: the image's own may belong to root.
+HOME_PATH = "/rigel-k8s-home"
+#: Where a container writes -> (the volume, how large it may become before the pod is evicted).
+#: ROS 1 keeps up to 1.1 GB of each of a node's log files; roscore has three.
+WRITABLE = {
+    HOME_PATH: ("rigel-home", "4Gi"),
+    "/tmp": ("rigel-tmp", "1Gi"),
+}
+#: A user without an entry in the image's /etc/passwd still has a name for programs that need one.
+USER_NAME = "ros"
+ROS_HOME = f"{HOME_PATH}/.ros"
+LOG_PATH = f"{ROS_HOME}/log"
+#: ROS 1 gives each directory that it creates the owner of its parent, and writes no log at all if
+#: it may not. A volume belongs to root, so a container of the same user creates the first ones.
+INIT_NAME = "rigel-home"
+#: What that container copies from the one that it prepares HOME for.
+SHARED = ("image", "imagePullPolicy", "resources")
+IDENTITY = ("runAsUser", "runAsGroup", "seLinuxOptions")
+
+LEVEL = "security: restricted"
+POD = ("spec", "template", "spec")
+NETWORK = (
+    "security: restricted does not allow the machine's own network: choose another mode, or remove"
+    " `security`"
+)
+HOST_PATH = (
+    "security: restricted does not allow directories and files of the machine: use one of"
+    " persistent_storage.volumes, or remove `security`"
+)
+DEVICE = (
+    "security: restricted does not allow device files: use a device plugin and `resource:"
+    " squat.ai/NAME`, or remove `security`"
+)
+OWNER = (
+    "Kubernetes does not change the owner of a machine's directory: user {user} must be able to"
+    " write to {path} there (`chown {user} {path}` on the machine)"
+)
+
+#: The level's name in a Rigelfile, as in Kubernetes.
+Level = Literal["restricted"]
+
+
+class UserId(Number):
+    """A numeric user that is not root."""
+
+    kind = "bad-user"
+    expects = "a numeric user ID, 1 or more (0 is root)"
+    least = 1
+
+
+@attrs.frozen(kw_only=True)
+class Security:
+    """What the application's containers may do."""
+
+    level: Level = option(
+        "restricted: pods pass Kubernetes' Pod Security level of that name: no root, no privileges,"
+        " a read-only image, HOME and /tmp as volumes of the pod",
+        "restricted",
+    )
+    user: UserId = option(
+        "the numeric user and group of the containers; the image does not need an entry for it",
+        UserId(1000),
+    )
+    read_only: bool = option("mount the images read-only; HOME and /tmp are writable", default=True)
+
+
+def security_of(value: Security | Level | None) -> Security | None:
+    """Return the security; a word is short for its `level`."""
+    return Security(level=value) if isinstance(value, str) else value
+
+
+def restrict(item: Mapping[str, Any], security: Security, ros: Generation) -> Object:
+    """Return a Deployment whose pods pass the level "restricted"; other objects unchanged."""
+    if item["kind"] != "Deployment":
+        return dict(item)
+    made: Object = simplify(item)
+    template = made["spec"]["template"]
+    pod = template["spec"]
+    ros = GENERATIONS[template["metadata"].get("annotations", {}).get(ROS_ANNOTATION, ros.name)]
+    pod["securityContext"] = pod_context(int(security.user)) | (pod.get("securityContext") or {})
+    if ros.prepares_home and pod.get("containers"):
+        prepare_home(template)
+    containers = [*(pod.get("initContainers") or ()), *(pod.get("containers") or ())]
+    for container in containers:
+        restrict_container(container, ros, read_only=security.read_only)
+    volumes = pod.get("volumes") or ()
+    named = {volume["name"] for volume in volumes}
+    used = {mount["name"] for one in containers for mount in one.get("volumeMounts") or ()}
+    pod["volumes"] = [
+        *volumes,
+        *(
+            {"name": name, "emptyDir": {"sizeLimit": limit}}
+            for name, limit in WRITABLE.values()
+            if name in used - named
+        ),
+    ]
+    return made
+
+
+def prepare_home(template: Object) -> None:
+    """Add the container that creates ROS 1's directories before the others start."""
+    pod, meta = template["spec"], template["metadata"]
+    first = pod["containers"][0]
+    own = first.get("securityContext") or {}
+    init = {
+        "name": INIT_NAME,
+        **{key: first[key] for key in SHARED if key in first},
+        "command": ["/bin/sh", "-c", f"mkdir -p {LOG_PATH}"],
+        "securityContext": {key: own[key] for key in IDENTITY if key in own},
+    }
+    pod["initContainers"] = [init, *pod.get("initContainers", ())]
+    meta["annotations"] = {DEFAULT_CONTAINER: first["name"], **meta.get("annotations", {})}
+
+
+def restrict_container(container: Object, ros: Generation, *, read_only: bool) -> None:
+    """Fill in a container's securityContext, variables and mounts."""
+    own = container.get("securityContext") or {}
+    default: Object = {"allowPrivilegeEscalation": False}
+    if read_only:
+        default["readOnlyRootFilesystem"] = True
+    capabilities = {**(own.get("capabilities") or {}), "drop": ["ALL"]}
+    container["securityContext"] = {**default, **own, "capabilities": capabilities}
+    mounts = container.get("volumeMounts") or []
+    taken = {str(mount["mountPath"]).rstrip("/") for mount in mounts}
+    ours = [
+        {"name": name, "mountPath": path}
+        for path, (name, _) in WRITABLE.items()
+        if path not in taken
+    ]
+    container["volumeMounts"] = [*mounts, *ours]
+    env = container.get("env") or []
+    known = {variable["name"] for variable in env}
+    container["env"] = [
+        *env,
+        *({"name": n, "value": v} for n, v in variables(ros).items() if n not in known),
+    ]
+
+
+def variables(ros: Generation) -> dict[str, str]:
+    """Return the variables that point programs to where they may write."""
+    home = {"HOME": HOME_PATH, "USER": USER_NAME, "LOGNAME": USER_NAME}
+    if not ros.nodes:
+        return home
+    # An image may set these to directories of root.
+    return home | {"ROS_HOME": ROS_HOME, "ROS_LOG_DIR": LOG_PATH}
+
+
+def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield what the level "restricted" does not allow, with the option that requests it."""
+    if options.security is None:
+        return
+    if options.network is not None and mode_of(options.network).in_machine_network:
+        yield Problem(mode_path(options.network), NETWORK, "restricted", at_key=True)
+    for key, node in options.nodes.items():
+        yield from (problem.under(("nodes", str(key))) for problem in check_node(node))
+    params = options.additional_k8s_params
+    for name, tree in (("ros_master", params.ros_master), ("application", params.application)):
+        yield from find_in_patch(("additional_k8s_params", name), tree)
+    for index, volume in enumerate(options.persistent_storage.volumes):
+        if volume.host_path:
+            message = OWNER.format(user=int(options.security.user), path=volume.host_path)
+            place = ("persistent_storage", "volumes", index, "host_path")
+            yield Problem(place, message, "volume-owner", severity="warning", at_key=True)
+
+
+def check_node(node: NodeOptions) -> Iterator[Problem]:
+    """Yield what a node requests that is not allowed; paths are the node's own."""
+    if node.host_network:
+        message = NETWORK.replace("choose another mode", "remove `host_network`")
+        yield Problem(("host_network",), message, "restricted", at_key=True)
+    for path, what in find_in_context(node.security_context):
+        yield refuse(("security_context", *path), what)
+    for index, mount in enumerate(map(mount_of, node.volumes)):
+        if mount.host_path:
+            yield Problem(("volumes", index), HOST_PATH, "restricted")
+    for index, device in enumerate(map(device_of, node.devices)):
+        if device.path:
+            yield Problem(("devices", index), DEVICE, "restricted")
+    yield from find_in_patch(("patch",), node.patch)
+
+
+def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield what a patch of a Deployment requests that is not allowed."""
+    for below, what in find_violations(pod_of(tree)):
+        yield refuse((*path, *POD, *below), what)
+
+
+def refuse(path: Path, what: str) -> Problem:
+    """Return the problem of a value that the level does not allow."""
+    message = f"{LEVEL} does not allow {what}: remove one of the two"
+    return Problem(path, message, "restricted", at_key=True)

@@ -1,1 +1,0 @@
-"""`security`: what the application's containers may do."""

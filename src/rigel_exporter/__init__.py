@@ -7,6 +7,8 @@ of Kubernetes and of the other packages.
 graph.py       the result of a look at a graph: plain data, the same for ROS 1 and DDS
 ros1*.py       ROS 1: master and slave APIs, TCPROS
 dds*.py        DDS: discovery, readers
+messages.py    the few messages whose content becomes a metric, in both serializations
+samples.py     what a named topic's subscriber has received
 standing.py    compares looks with what is expected and was seen before, with limits
 listening.py   named topics, /diagnostics, /clock, /tf
 collection.py  looks in the background, and the answer to a scrape

@@ -14,13 +14,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from rigel_exporter import dds_messages as messages
+from rigel_exporter import messages
 from rigel_exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT
 from rigel_exporter.dds_participant import LEASE, NAME, Participant
-from rigel_exporter.dds_samples import Hearing
 from rigel_exporter.dds_view import graph
 from rigel_exporter.dds_ways import Resolver, Sockets, addresses
 from rigel_exporter.graph import Graph
+from rigel_exporter.samples import Subscription
 from rigel_inpod import rtps
 from rigel_inpod.spdp import Announcement, Place
 
@@ -93,22 +93,14 @@ class Domain:
         with self._lock:
             return view(self._participant)
 
-    def subscribe(self, topic: str, keep: int = 0) -> Hearing:
+    def subscribe(self, topic: str, keep: int = 0) -> Subscription:
         """Subscribe to a topic, and keep that many of its latest payloads."""
         with self._lock:
             return self._participant.hear(topic, keep, self._leave)
 
-    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
-        """Return (name, hardware id, level) of each status in a DiagnosticArray."""
-        return messages.diagnostics(payload)
-
-    def clock(self, payload: bytes) -> float:
-        """Return the time of a Clock message in seconds."""
-        return messages.clock(payload)
-
-    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
-        """Return (parent, child, stamp in seconds) of each transform in a TFMessage."""
-        return messages.transforms(payload)
+    def read(self, payload: bytes) -> messages.Reader:
+        """Return a reader of a kept payload."""
+        return messages.cdr(payload)
 
     def close(self) -> None:
         """Leave the domain, and announce that."""
@@ -117,9 +109,9 @@ class Domain:
             self._thread.join()
         self._resolver.close()
 
-    def _leave(self, hearing: Hearing) -> None:
+    def _leave(self, subscription: Subscription) -> None:
         with self._lock:
-            self._participant.leave(hearing)
+            self._participant.leave(subscription)
 
     def _send(self, message: bytes, places: Sequence[Place]) -> None:
         if self._sockets:

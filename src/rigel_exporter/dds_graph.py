@@ -12,15 +12,13 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from rigel_exporter import dds_names as names
 from rigel_exporter.dds import Domain
 from rigel_exporter.dds_discovery import Endpoint
 from rigel_exporter.dds_participant import Participant
-from rigel_exporter.dds_peer import Peer
-from rigel_exporter.dds_view import OURS
+from rigel_exporter.dds_view import OURS, find_others, list_endpoints, list_nodes
 
 NAME = f"{OURS}graph reader"
 #: Seconds of listening: at least, at most, and how long nothing new must arrive.
@@ -29,49 +27,29 @@ TICK = 0.1
 
 
 def describe(known: Participant) -> dict[str, Any]:
-    """Return nodes, and endpoints with the names of their nodes."""
-    return describe_graph(known.peers.values(), known.writers, known.readers)
-
-
-def describe_graph(
-    peers: Iterable[Peer], writers: Mapping[bytes, Endpoint], readers: Mapping[bytes, Endpoint]
-) -> dict[str, Any]:
-    """Return the nodes of participants, and each endpoint as [node, topic, type].
-
-    Our own participants and discovery servers are left out, with their endpoints.
-    """
-    shown = [
-        peer for peer in peers if not peer.announced.name.startswith(OURS) and not peer.is_server
-    ]
-    owners = {guid: name for peer in shown for name, own in peer.nodes.items() for guid in own}
-    alone = {peer.announced.prefix: name_rest(peer) for peer in shown}
-    nodes: dict[str, dict[str, Any]] = {}
-    for peer in shown:
-        for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
-            # A name of two participants is one node; one of them may be left over from a restart.
-            known = nodes.get(name)
-            if known is None or (peer.answers and not known["up"]):
-                address = min(peer.sources, default="")
-                nodes[name] = {"name": name, "address": address, "up": peer.answers}
-
-    def list_endpoints(found: Mapping[bytes, Endpoint]) -> list[list[str]]:
-        return sorted(
-            [owners.get(guid, alone[guid[:12]]), endpoint.topic, endpoint.type]
-            for guid, endpoint in found.items()
-            if guid[:12] in alone and endpoint.topic != names.NODES
-        )
-
-    return {
-        "nodes": [nodes[name] for name in sorted(nodes)],
-        "writers": list_endpoints(writers),
-        "readers": list_endpoints(readers),
-        "pending": sum(1 for peer in shown if peer.is_ros and not peer.nodes),
+    """Return the nodes of participants, and each endpoint as [node, topic, type]."""
+    others = find_others(known.peers.values())
+    owners = {
+        guid: name for peer in others.values() for name, own in peer.nodes.items() for guid in own
     }
 
+    def name_owner(endpoint: Endpoint) -> str:
+        peer = others[endpoint.guid[:12]]
+        if endpoint.guid in owners or len(peer.nodes) == 1:
+            return owners.get(endpoint.guid) or next(iter(peer.nodes))
+        return "" if peer.is_ros else peer.name
 
-def name_rest(peer: Peer) -> str:
-    """Return the name for those endpoints of a participant that none of its several nodes has."""
-    return next(iter(peer.nodes)) if len(peer.nodes) == 1 else "" if peer.is_ros else peer.name
+    def describe_endpoints(endpoints: Mapping[bytes, Endpoint]) -> list[list[str]]:
+        found = list_endpoints(endpoints, others)
+        return sorted([name_owner(one), one.topic, one.type] for one in found)
+
+    nodes = sorted(list_nodes(others.values()))
+    return {
+        "nodes": [{"name": one.name, "address": one.address, "up": one.up} for one in nodes],
+        "writers": describe_endpoints(known.writers),
+        "readers": describe_endpoints(known.readers),
+        "pending": sum(1 for peer in others.values() if peer.is_ros and not peer.nodes),
+    }
 
 
 def listen(domain: Domain) -> dict[str, Any]:

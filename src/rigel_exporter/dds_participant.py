@@ -14,13 +14,14 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from rigel_exporter import dds_discovery as discovery
-from rigel_exporter import dds_messages as messages
 from rigel_exporter import dds_names as names
 from rigel_exporter import dds_wire as wire
+from rigel_exporter import messages
 from rigel_exporter.dds_discovery import Endpoint
 from rigel_exporter.dds_peer import SERVER, Peer
 from rigel_exporter.dds_reliable import Change, Incoming, Outgoing
-from rigel_exporter.dds_samples import Hearing, Source
+from rigel_exporter.dds_samples import Source
+from rigel_exporter.samples import Subscription
 from rigel_inpod import rtps, spdp
 from rigel_inpod.spdp import Announcement, Place
 
@@ -53,7 +54,7 @@ class Participant:
         self.readers: dict[bytes, Endpoint] = {}
         self._outgoing = Outgoing(discovery.SUBSCRIPTIONS_WRITER, discovery.SUBSCRIPTIONS_READER)
         self._own_readers: dict[Endpoint, int] = {}
-        self._hearings: list[Hearing] = []
+        self._subscriptions: list[Subscription] = []
         self.servers: Sequence[Place] = ()
         self._sources: dict[bytes, list[Source]] = {}
         self._ids, self._beats = itertools.count(1), 0
@@ -273,25 +274,29 @@ class Participant:
 
     # What we subscribe to
 
-    def hear(self, topic: str, keep: int, leave: Callable[[Hearing], None]) -> Hearing:
+    def hear(self, topic: str, keep: int, leave: Callable[[Subscription], None]) -> Subscription:
         """Subscribe to a topic by its name in ROS; `leave` ends it."""
-        hearing = Hearing(topic, keep, leave)
-        self._hearings.append(hearing)
+        subscription = Subscription(topic, keep, leave)
+        self._subscriptions.append(subscription)
         for writer in [w for w in self.writers.values() if names.topic_name(w.topic) == topic]:
-            self._connect(writer, hearing)
-        return hearing
+            self._connect(writer, subscription)
+        return subscription
 
-    def leave(self, hearing: Hearing) -> None:
+    def leave(self, subscription: Subscription) -> None:
         """Remove the readers of a topic."""
-        if hearing in self._hearings:
-            self._hearings.remove(hearing)
+        if subscription in self._subscriptions:
+            self._subscriptions.remove(subscription)
         for guid, sources in list(self._sources.items()):
-            self._sources[guid] = [source for source in sources if source.hearing is not hearing]
+            self._sources[guid] = [
+                source for source in sources if source.subscription is not subscription
+            ]
             if not self._sources[guid]:
                 del self._sources[guid]
-        if any(other.topic == hearing.topic for other in self._hearings):
+        if any(other.topic == subscription.topic for other in self._subscriptions):
             return
-        for reader in [r for r in self._own_readers if names.topic_name(r.topic) == hearing.topic]:
+        for reader in [
+            r for r in self._own_readers if names.topic_name(r.topic) == subscription.topic
+        ]:
             self._outgoing.drop(self._own_readers.pop(reader))
             self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
 
@@ -303,12 +308,12 @@ class Participant:
             self._listen(writer)
             return
         topic, known = names.topic_name(writer.topic), set(self._sources)
-        for hearing in self._hearings:
-            if hearing.topic == topic and writer.guid not in known:
-                self._connect(writer, hearing)
+        for subscription in self._subscriptions:
+            if subscription.topic == topic and writer.guid not in known:
+                self._connect(writer, subscription)
 
-    def _connect(self, writer: Endpoint, hearing: Hearing) -> None:
-        source = Source(hearing, names.type_name(writer.type))
+    def _connect(self, writer: Endpoint, subscription: Subscription) -> None:
+        source = Source(subscription, names.type_name(writer.type))
         self._sources.setdefault(writer.guid, []).append(source)
         self._announce(writer, is_reliable=False)
 

@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
+from rigel_exporter.messages import Reader
+from rigel_exporter.samples import Subscription
+
 
 class Node(NamedTuple):
     """A ROS node.
@@ -75,52 +78,17 @@ class Graph(NamedTuple):
     dropped: Mapping[str, int] = {}
 
 
-class Samples(NamedTuple):
-    """What a subscriber has received since it began.
-
-    Attributes:
-        messages: how many, across reconnects.
-        size: the bytes of their payloads.
-        last: when the latest arrived, in seconds since 1970; None for never.
-        stamp: the latest header's stamp in seconds (ROS time); None if there is no header.
-        payloads: the latest messages in their serialized form, oldest first, if they are kept: ROS
-            1's serialization, or CDR with its four bytes of encapsulation.
-    """
-
-    messages: int = 0
-    size: int = 0
-    last: float | None = None
-    stamp: float | None = None
-    payloads: Sequence[bytes] = ()
-
-
-class Subscriber(Protocol):
-    """One named topic, received best effort; it continues after restarts of publishers."""
-
-    def samples(self) -> Samples:
-        """Return the counts up to now; kept payloads are handed out once."""
-
-    def close(self) -> None:
-        """Leave the graph, and announce that."""
-
-
 class Half(Protocol):
     """A ROS graph: ROS 1's by its master, or a DDS domain's."""
 
     def look(self) -> Graph:
         """Return the current graph; takes at most seconds, even if nodes do not answer."""
 
-    def subscribe(self, topic: str, keep: int = 0) -> Subscriber:
+    def subscribe(self, topic: str, keep: int = 0) -> Subscription:
         """Subscribe to a topic, and keep that many of its latest payloads."""
 
-    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
-        """Return (name, hardware id, level) of each status in a DiagnosticArray."""
-
-    def clock(self, payload: bytes) -> float:
-        """Return the time of a Clock message in seconds."""
-
-    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
-        """Return (parent, child, stamp in seconds) of each transform in a TFMessage."""
+    def read(self, payload: bytes) -> Reader:
+        """Return a reader of a kept payload."""
 
     def close(self) -> None:
         """Leave the graph with all subscribers."""

@@ -10,9 +10,11 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rigel_exporter import messages
 from rigel_exporter.config import Config
-from rigel_exporter.graph import Half, Samples, Subscriber
+from rigel_exporter.graph import Half
 from rigel_exporter.metrics import Sample
+from rigel_exporter.samples import Samples, Subscription
 
 #: How many statuses and transforms are exported at most.
 STATUSES, TRANSFORMS = 200, 200
@@ -42,7 +44,7 @@ class Listening:
             if asked[topic]
         }
         wanted = dict.fromkeys([*config.topics, *self._read])
-        self._subscribers: dict[str, Subscriber] = {
+        self._subscribers: dict[str, Subscription] = {
             topic: half.subscribe(topic, keep=_KEPT[topic] if topic in self._read else 0)
             for topic in wanted
         }
@@ -77,15 +79,15 @@ class Listening:
             self._unreadable += 1
 
     def _statuses(self, payload: bytes, now: float) -> None:
-        for name, hardware, level in self._half.diagnostics(payload):
+        for name, hardware, level in messages.diagnostics(self._half.read(payload)):
             if self._room("diagnostics", self._levels, (name, hardware), STATUSES):
                 self._levels[name, hardware] = level, now
 
     def _time(self, payload: bytes, _: float) -> None:
-        self._clock = self._half.clock(payload)
+        self._clock = self._half.read(payload).time()
 
     def _take_transforms(self, payload: bytes, now: float) -> None:
-        for parent, child, stamp in self._half.transforms(payload):
+        for parent, child, stamp in messages.transforms(self._half.read(payload)):
             if self._room("transforms", self._frames, (parent, child), TRANSFORMS):
                 self._frames[parent, child] = stamp, now
 

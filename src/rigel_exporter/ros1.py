@@ -6,32 +6,33 @@ at the master for the first named topic, and unregisters at the end.
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
 import threading
 import time
-from collections.abc import Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, TypeVar
 
-from rigel_exporter import ros1_messages
+from rigel_exporter import messages
 from rigel_exporter.graph import Graph, Master, Node, Topic
-from rigel_exporter.ros1_calls import Conversation, Refused
 from rigel_exporter.ros1_node import Slave
-from rigel_exporter.ros1_topic import Hearing
+from rigel_exporter.ros1_topic import TopicSubscription
 from rigel_exporter.ros1_traffic import Ledger
-from rigel_exporter.ros1_view import MASTER, Replies, View, ask_master, ask_nodes, look_up_nodes
-from rigel_inpod.rosrpc import CallFailed
+from rigel_exporter.ros1_view import (
+    Replies,
+    View,
+    ask_master,
+    ask_nodes,
+    connect_master,
+    look_up_nodes,
+)
+from rigel_exporter.samples import Subscription
+from rigel_inpod.rosrpc import CallFailed, Refused
 
 #: The names of all exporters begin with it; exporters are not in the metrics.
 NAME = "/ros_exporter"
 #: Seconds after which the master is asked for a node's address again, even if the node answers.
 _FRESH = 60.0
-#: Seconds that a look takes at most, if every deadline in it is missed.
-_LOOK = 30.0
-
-T = TypeVar("T")
 
 
 class Ros1:
@@ -52,44 +53,39 @@ class Ros1:
         self._first, self._most = frozenset(first), most
         self._places: dict[str, _Place] = {}
         self._ledger = Ledger()
-        self._hearings: dict[str, Hearing] = {}
+        self._subscriptions: dict[str, TopicSubscription] = {}
         self._lock = threading.Lock()
         self._slave: Slave | None = None
         self._host = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or ""
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="ros1", daemon=True)
-        self._thread.start()
+        self._api = ""  # the URI of our own slave API, once it is registered
 
     # -- the graph --
 
     def look(self) -> Graph:
         """Return the current graph; takes at most seconds, even if nodes do not answer."""
-        return self._run(self._look())
-
-    async def _look(self) -> Graph:
         try:
-            view = await ask_master(self._uri, self._name)
+            view = ask_master(self._uri, self._name)
         except CallFailed:
-            return await self._ask_without_master()
+            return self._ask_without_master()
         # The expected ones first, then the others by name.
         known = sorted(_hide_exporters(view.nodes), key=lambda n: (n not in self._first, n))
         names = known[: self._most]
-        await self._find(names, view)
-        replies = await self._ask(names)
-        later = await self._ask_again(view, replies)
+        self._find(names, view)
+        replies = self._ask(names)
+        later = self._ask_again(view, replies)
         self._count(replies)
-        await self._hear(view)
+        self._follow(view)
         return Graph(
             nodes=self._nodes(names, replies, (view, later)),
-            topics=_topics(view, self._hearings),
+            topics=_topics(view, self._subscriptions),
             traffic=self._ledger.totals(),
             master=Master(up=True, pid=view.pid, run=view.run),
             dropped={"nodes": len(_hide_exporters(view.nodes)) - len(names)},
         )
 
-    async def _ask_without_master(self) -> Graph:
+    def _ask_without_master(self) -> Graph:
         """Return the answers of earlier nodes; without the master, their state is unknown."""
-        replies = await self._ask(())
+        replies = self._ask(())
         self._count(replies)
         return Graph(
             nodes=self._nodes((), replies, ()),
@@ -97,11 +93,11 @@ class Ros1:
             master=Master(up=False),
         )
 
-    async def _find(self, names: Sequence[str], view: View) -> None:
+    def _find(self, names: Sequence[str], view: View) -> None:
         """Look up the addresses of nodes that are new, silent, or were not looked up lately."""
         now = time.monotonic()
         wanted = [n for n in names if n not in self._places or self._places[n].asked + _FRESH < now]
-        found = await look_up_nodes(self._uri, self._name, wanted) if wanted else {}
+        found = look_up_nodes(self._uri, self._name, wanted) if wanted else {}
         for name, uri in found.items():
             old = self._places.get(name)
             pid = old.pid if old and old.uri == uri else ""
@@ -111,10 +107,10 @@ class Ros1:
             if self._places[name].uri in taken:  # another node has its place
                 del self._places[name]
 
-    async def _ask(self, names: Sequence[str]) -> dict[str, Replies]:
+    def _ask(self, names: Sequence[str]) -> dict[str, Replies]:
         """Return the answers of nodes: those in `names`, and those that were registered before."""
         uris = {name: place.uri for name, place in self._places.items()}
-        replies = await ask_nodes(uris, self._name)
+        replies = ask_nodes(uris, self._name)
         for name, answer in replies.items():
             place = self._places[name]
             if answer.answers and (name in names or not place.pid):
@@ -127,12 +123,12 @@ class Ros1:
                 del self._places[name]
         return replies
 
-    async def _ask_again(self, view: View, replies: Mapping[str, Replies]) -> View:
+    def _ask_again(self, view: View, replies: Mapping[str, Replies]) -> View:
         """Return the master's state again if a node may have registered meanwhile."""
         if not any(_count_missing(name, answer, (view,)) for name, answer in replies.items()):
             return view
         try:
-            return await ask_master(self._uri, self._name)
+            return ask_master(self._uri, self._name)
         except CallFailed:
             return view
 
@@ -162,109 +158,69 @@ class Ros1:
     def _count(self, replies: Mapping[str, Replies]) -> None:
         for name, answer in replies.items():
             if answer.stats is not None and name in self._places:
-                with suppress(
-                    ValueError, TypeError, LookupError
-                ):  # no statistics: of this node alone
+                with suppress(ValueError, TypeError, LookupError):  # this node's are none
                     self._ledger.add(name, self._places[name].uri, answer.stats)
         self._ledger.keep(self._places)
 
     # -- named topics --
 
-    def subscribe(self, topic: str, keep: int = 0) -> Hearing:
+    def subscribe(self, topic: str, keep: int = 0) -> TopicSubscription:
         """Subscribe to a topic at the next look, and keep that many of its latest payloads."""
         with self._lock:
             if self._slave is None:
                 self._slave = Slave(
-                    self._uri, lambda: list(self._hearings), self._update_publishers
+                    self._uri, lambda: list(self._subscriptions), self._take_publishers
                 )
-            hearing = Hearing(topic, self._name, keep, self._leave)
-            self._hearings[topic] = hearing
-        return hearing
+            made = TopicSubscription(topic, keep, self._leave, self._name)
+            self._subscriptions[topic] = made
+        return made
 
-    async def _hear(self, view: View) -> None:
+    def read(self, payload: bytes) -> messages.Reader:
+        """Return a reader of a kept payload."""
+        return messages.ros1(payload)
+
+    def _follow(self, view: View) -> None:
         """Register topics that are not registered at the master (any more); follow publishers."""
         unknown = []
-        for topic, hearing in list(self._hearings.items()):
+        for topic, subscription in list(self._subscriptions.items()):
             if self._name in view.subscribers.get(topic, ()):
                 names = view.publishers.get(topic, frozenset())
-                hearing.publishers(self._places[n].uri for n in names if n in self._places)
+                subscription.follow(self._places[n].uri for n in names if n in self._places)
             else:
-                unknown.append(hearing)
-        if unknown:
-            await self._register(unknown, self._api(view.local_address))
+                unknown.append(subscription)
+        if unknown and self._slave:
+            self._api = f"http://{self._host or view.local_address}:{self._slave.port}/"
+            self._register(unknown)
 
-    async def _register(self, hearings: Sequence[Hearing], api: str) -> None:
+    def _register(self, subscriptions: Sequence[TopicSubscription]) -> None:
         """Subscribe to topics; one that fails is tried again at the next look."""
-        talk = Conversation(self._uri, self._name, MASTER)
-        try:
-            for hearing in hearings:
+        with suppress(CallFailed), connect_master(self._uri, self._name) as master:
+            for one in subscriptions:
                 with suppress(Refused):  # an invalid name does not stop the others
-                    found = await talk.call("registerSubscriber", hearing.topic, "*", api)
-                    hearing.publishers(found)
-        except CallFailed:
-            pass
-        finally:
-            talk.close()
+                    one.follow(master.ask("registerSubscriber", one.topic, "*", self._api))
 
-    def _api(self, local_address: str) -> str:
-        assert self._slave is not None  # it exists from the first topic on
-        return f"http://{self._host or local_address}:{self._slave.port}/"
+    def _take_publishers(self, topic: str, publishers: Sequence[str]) -> None:
+        if subscription := self._subscriptions.get(topic):
+            subscription.follow(publishers)
 
-    def _update_publishers(self, topic: str, publishers: Sequence[str]) -> None:
-        if hearing := self._hearings.get(topic):
-            hearing.publishers(publishers)
+    def _leave(self, subscription: Subscription) -> None:
+        self._subscriptions.pop(subscription.topic, None)
+        self._unregister([subscription.topic])
 
-    def _leave(self, hearing: Hearing) -> None:
-        self._hearings.pop(hearing.topic, None)
-        self._run(self._unregister([hearing.topic]))
-
-    async def _unregister(self, topics: Sequence[str]) -> None:
-        talk = Conversation(self._uri, self._name, MASTER)
-        try:
+    def _unregister(self, topics: Sequence[str]) -> None:
+        with suppress(CallFailed), connect_master(self._uri, self._name) as master:
             for topic in topics:
-                await talk.call(
-                    "unregisterSubscriber", topic, self._api(await _find_own_address(talk))
-                )
-        except CallFailed:
-            pass  # the master has ended too
-        finally:
-            talk.close()
-
-    # -- what messages mean --
-
-    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
-        """Return (name, hardware id, level) of each status in a DiagnosticArray."""
-        return ros1_messages.diagnostics(payload)
-
-    def clock(self, payload: bytes) -> float:
-        """Return the time of a Clock message in seconds."""
-        return ros1_messages.clock(payload)
-
-    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
-        """Return (parent, child, stamp in seconds) of each transform in a TFMessage."""
-        return ros1_messages.transforms(payload)
+                master.ask("unregisterSubscriber", topic, self._api)
 
     def close(self) -> None:
-        """Leave the graph with all subscribers; nothing runs on afterwards."""
-        hearings = list(self._hearings.values())
-        self._hearings.clear()
-        for hearing in hearings:
-            hearing.publishers(())
-        try:
-            self._run(self._unregister([hearing.topic for hearing in hearings]))
-        finally:
-            if self._slave:
-                self._slave.close()
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join(_LOOK)
-            self._loop.close()
-
-    def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        try:
-            return future.result(_LOOK)
-        finally:
-            future.cancel()  # only has an effect if it took too long
+        """Leave the graph with all subscribers."""
+        subscriptions = list(self._subscriptions.values())
+        self._subscriptions.clear()
+        for subscription in subscriptions:
+            subscription.follow(())
+        self._unregister([subscription.topic for subscription in subscriptions])
+        if self._slave:
+            self._slave.close()
 
 
 class _Place:
@@ -272,12 +228,6 @@ class _Place:
 
     def __init__(self, uri: str, asked: float, pid: str) -> None:
         self.uri, self.asked, self.pid = uri, asked, pid
-
-
-async def _find_own_address(talk: Conversation) -> str:
-    """Return the own address as the master sees it."""
-    await talk.call("getPid")
-    return talk.local_address or ""
 
 
 def _hide_exporters(names: Iterable[str]) -> set[str]:

@@ -9,10 +9,22 @@ import os
 import socketserver
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
-from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 Answer = tuple[int, str, Any]
+
+#: The answers that are always the same: it publishes nothing and counts nothing. It stays when the
+#: master has given its name to another node, since Kubernetes ends pods, not the ROS master.
+_CONSTANT = {
+    "getPid": os.getpid(),
+    "getPublications": [],
+    "getBusStats": [[], [], []],
+    "getBusInfo": [],
+    "paramUpdate": 0,
+    "shutdown": 0,
+}
 
 
 class _Handler(SimpleXMLRPCRequestHandler):
@@ -40,10 +52,14 @@ class Slave:
             topics: returns the topics that are subscribed to now.
             changed: is called with a topic and its publishers' URIs.
         """
-        self._master_uri, self._topics, self._changed = master_uri, topics, changed
+        self._topics, self._changed = topics, changed
         self._server = _Server(("", 0), _Handler, logRequests=False, allow_none=True)
         self.port: int = self._server.server_address[1]
-        _offer(self._server, self)
+        for name, value in {**_CONSTANT, "getMasterUri": master_uri}.items():
+            self._server.register_function(partial(_answer, value), name)
+        self._server.register_function(self._list_topics, "getSubscriptions")
+        self._server.register_function(self._take_publishers, "publisherUpdate")
+        self._server.register_function(self._refuse_topic, "requestTopic")
         threading.Thread(target=self._server.serve_forever, name="slave", daemon=True).start()
 
     def close(self) -> None:
@@ -51,61 +67,18 @@ class Slave:
         self._server.shutdown()
         self._server.server_close()
 
-    # ROS's names; the first argument is the caller's
+    # The first argument of each call is the caller's name.
 
-    def getPid(self, _: str) -> Answer:
-        """Return the process id."""
-        return 1, "", os.getpid()
-
-    def getMasterUri(self, _: str) -> Answer:
-        """Return the master's URI."""
-        return 1, "", self._master_uri
-
-    def getPublications(self, _: str) -> Answer:
-        """Return what is published: nothing."""
-        return 1, "", []
-
-    def getSubscriptions(self, _: str) -> Answer:
-        """Return the named topics."""
+    def _list_topics(self, _: Any) -> Answer:
         return 1, "", [[topic, "*"] for topic in self._topics()]
 
-    def getBusStats(self, _: str) -> Answer:
-        """Return no counts."""
-        return 1, "", [[], [], []]
-
-    def getBusInfo(self, _: str) -> Answer:
-        """Return no connections."""
-        return 1, "", []
-
-    def publisherUpdate(self, _: str, topic: str, publishers: Sequence[str]) -> Answer:
-        """Take a topic's publishers from the master."""
+    def _take_publishers(self, _: Any, topic: Any, publishers: Any) -> Answer:
         self._changed(topic, publishers)
         return 1, "", 0
 
-    def paramUpdate(self, _: str, key: str, value: Any) -> Answer:
-        """Ignore parameters."""
-        return 1, "", 0
-
-    def requestTopic(self, _: str, topic: str, protocols: Any) -> Answer:
-        """Refuse: nothing is published."""
+    def _refuse_topic(self, _: Any, topic: Any, protocols: Any) -> Answer:
         return 0, f"{topic} is not published here", []
 
-    def shutdown(self, _: str, reason: str = "") -> Answer:
-        """Ignore that another node took the name: Kubernetes ends pods, not the ROS master."""
-        return 1, "", 0
 
-
-def _offer(dispatcher: SimpleXMLRPCDispatcher, slave: Slave) -> None:
-    for name in (
-        "getPid",
-        "getMasterUri",
-        "getPublications",
-        "getSubscriptions",
-        "getBusStats",
-        "getBusInfo",
-        "publisherUpdate",
-        "paramUpdate",
-        "requestTopic",
-        "shutdown",
-    ):
-        dispatcher.register_function(getattr(slave, name), name)
+def _answer(value: Any, *_: Any) -> Answer:
+    return 1, "", value

@@ -11,10 +11,12 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 
-from rigel_exporter import ros1_messages
+from rigel_exporter import messages
 
 #: Larger messages are counted but not kept, in bytes.
 LARGEST_KEPT = 1 << 20
+#: The bytes of a Header up to the end of its stamp.
+STAMP = 12
 _CHUNK = 1 << 16
 _LARGEST_HEADER = 1 << 20
 _CONNECT = 5.0
@@ -43,7 +45,7 @@ class Stream:
             raise StreamFailed(str(error)) from error
         if "error" in fields:
             raise StreamFailed(fields["error"])
-        self._stamped = ros1_messages.has_header(fields.get("message_definition", ""))
+        self._stamped = messages.has_header(fields.get("message_definition", ""))
         self._socket.settimeout(None)
 
     def listen(
@@ -60,8 +62,8 @@ class Stream:
             while True:
                 size = self._length()
                 whole = keep and size <= LARGEST_KEPT
-                first = self._read_exactly(size if whole else min(size, ros1_messages.HEADER))
-                stamp = ros1_messages.stamp(first) if self._stamped else None
+                first = self._read_exactly(size if whole else min(size, STAMP))
+                stamp = self._read_stamp(first)
                 self._skip(size - len(first), scratch)
                 heard(size, stamp, first if whole else None)
 
@@ -70,6 +72,11 @@ class Stream:
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
+
+    def _read_stamp(self, first: bytes) -> float | None:
+        if not self._stamped or len(first) < STAMP:
+            return None
+        return messages.ros1(first).stamp() or None
 
     def _length(self) -> int:
         found: int = struct.unpack("<I", self._read_exactly(4))[0]

@@ -5,16 +5,20 @@ It compares nothing and keeps nothing; ros1.py does.
 
 from __future__ import annotations
 
-import asyncio
+import time
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
+from functools import partial
 from typing import Any, NamedTuple
 
-from rigel_exporter.ros1_calls import Conversation, Refused
 from rigel_inpod import rosrpc
-from rigel_inpod.rosrpc import CallFailed
+from rigel_inpod.rosrpc import Api, CallFailed, Refused
 
 #: Seconds that the master has for one round of answers, and a node for all its answers.
 MASTER, ANSWER = 5.0, 3.0
+#: How many nodes are asked at the same time: a stopped one delays no other.
+AT_ONCE = 200
 
 Names = Mapping[str, frozenset[str]]
 
@@ -52,82 +56,71 @@ class Replies:
         return bool(self.pid)
 
 
-async def ask_master(uri: str, caller: str) -> View:
+def connect_master(uri: str, caller: str) -> Any:
+    """Return a client of the master, with its time for one round of answers."""
+    return closing(Api(uri, time.time() + MASTER, caller))
+
+
+def connect_node(uri: str, caller: str, seconds: float) -> Any:
+    """Return a client of a node, with its time for all answers."""
+    return closing(Api(uri, time.time() + seconds, caller, rosrpc.LARGEST_OF_NODE))
+
+
+def ask_master(uri: str, caller: str) -> View:
     """Return the master's state; a failed call is tried again, since a packet may be lost.
 
     Raises:
         CallFailed: it does not answer.
     """
     try:
-        return await _ask_master(uri, caller)
+        return _ask_master(uri, caller)
     except CallFailed:
-        return await _ask_master(uri, caller)
+        return _ask_master(uri, caller)
 
 
-async def _ask_master(uri: str, caller: str) -> View:
-    talk = Conversation(uri, caller, MASTER, rosrpc.LARGEST)
-    try:
-        pid = int(await talk.call("getPid"))
-        state = await talk.call("getSystemState")
-        types = dict(await talk.call("getTopicTypes"))
-        run = await _parameter(talk, "/run_id")
-        publishers, subscribers, services = map(_names, state)
-        here = talk.local_address or ""
-        return View(pid, run, publishers, subscribers, services, types, here)
-    except (ValueError, TypeError) as error:
-        raise CallFailed(f"it does not speak ROS: {error}") from error
-    finally:
-        talk.close()
+def _ask_master(uri: str, caller: str) -> View:
+    with connect_master(uri, caller) as master:
+        try:
+            pid = int(master.ask("getPid"))
+            state = master.ask("getSystemState")
+            types = dict(master.ask("getTopicTypes"))
+            run = ""
+            with suppress(Refused):  # it is not set yet
+                run = str(master.ask("getParam", "/run_id"))
+            publishers, subscribers, services = map(_names, state)
+            here = master.local_address() or ""
+            return View(pid, run, publishers, subscribers, services, types, here)
+        except (ValueError, TypeError) as error:
+            raise CallFailed(f"it does not speak ROS: {error}") from error
 
 
 def _names(part: Sequence[tuple[str, Sequence[str]]]) -> Names:
     return {name: frozenset(nodes) for name, nodes in part}
 
 
-async def _parameter(talk: Conversation, name: str) -> str:
-    try:
-        return str(await talk.call("getParam", name))
-    except Refused:
-        return ""
-
-
-async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
+def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
     """Return the URIs of the nodes that are registered, as far as the master answers in time."""
-    talk, found = Conversation(uri, caller, MASTER, rosrpc.LARGEST), {}
-    try:
+    found = {}
+    with suppress(CallFailed), connect_master(uri, caller) as master:
         for name in names:
-            try:
-                found[name] = str(await talk.call("lookupNode", name))
-            except Refused:
-                continue
-    except CallFailed:
-        pass
-    finally:
-        talk.close()
+            with suppress(Refused):
+                found[name] = str(master.ask("lookupNode", name))
     return found
 
 
-async def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Replies]:
-    """Return each node's answers; all are asked at once, each has its own deadline."""
-    answers = await asyncio.gather(*(_ask_node(uri, caller) for uri in uris.values()))
-    return dict(zip(uris, answers))
+def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Replies]:
+    """Return each node's answers; many are asked at once, and each has its own deadline."""
+    with ThreadPoolExecutor(AT_ONCE, thread_name_prefix="ros1") as pool:
+        return dict(zip(uris, pool.map(partial(_ask_node, caller=caller), uris.values())))
 
 
-async def _ask_node(uri: str, caller: str) -> Replies:
+def _ask_node(uri: str, caller: str) -> Replies:
     replies = Replies()
-    try:
-        talk = Conversation(uri, caller, ANSWER)
-    except CallFailed:
-        return replies
-    try:
-        replies.pid = str(await talk.call("getPid"))
-        replies.publishes = _topics(await talk.call("getPublications"))
-        replies.subscribes = _topics(await talk.call("getSubscriptions"))
-        replies.stats = await talk.call("getBusStats")  # rospy fails beyond 2 GiB: the last
-    except CallFailed:
-        pass
-    finally:
-        talk.close()
+    with suppress(CallFailed), connect_node(uri, caller, ANSWER) as node:
+        replies.pid = str(node.ask("getPid"))
+        replies.publishes = _topics(node.ask("getPublications"))
+        replies.subscribes = _topics(node.ask("getSubscriptions"))
+        replies.stats = node.ask("getBusStats")  # rospy fails beyond 2 GiB: the last
     return replies
 
 

@@ -13,6 +13,7 @@ import time
 
 CALLER = "/rigel_probe"
 LARGEST = 16 << 20  # bytes of an answer: that of a master with 100,000 topics has less
+LARGEST_OF_NODE = 1 << 20  # bytes of a node's answer
 DEEPEST = 100  # lists inside of each other in an answer; ROS' own have 5
 
 
@@ -20,19 +21,23 @@ class CallFailed(Exception):
     """The call failed; the message is the cause, in a few words."""
 
 
+class Refused(CallFailed):
+    """The server has answered with an error; the message is its own."""
+
+
 class Api(object):
     """One ROS XML-RPC server; keeps its connection for further calls."""
 
-    def __init__(self, uri, deadline):
+    def __init__(self, uri, deadline, caller=CALLER, largest=LARGEST):
         """`deadline` is the time.time() at which every call has ended."""
-        self.uri = uri
+        self.uri, self._caller, self._largest = uri, caller, largest
         self.host, self.port = split(uri)
         self._deadline = deadline
         self._socket = None
 
     def call(self, method, *arguments):
         """Return (code, message, value), the answer of every ROS method."""
-        body = request(method, (CALLER,) + arguments)
+        body = request(method, (self._caller,) + arguments)
         reused = self._socket is not None
         try:
             answer = self._post(body)
@@ -40,9 +45,18 @@ class Api(object):
             if not reused:
                 raise
             answer = self._post(body)  # the server had closed the kept connection
+        if isinstance(answer, list) and answer and isinstance(answer[0], list):
+            return ["1", "", answer]  # roscpp answers getBusStats without a code
         if not isinstance(answer, list) or len(answer) != 3:
             raise CallFailed("it does not speak ROS")
         return answer
+
+    def ask(self, method, *arguments):
+        """Return a method's value; raise Refused if the server refuses."""
+        code, message, value = self.call(method, *arguments)
+        if code != "1":
+            raise Refused(str(message))
+        return value
 
     def local_address(self):
         """Return the address that this side of the connection has."""
@@ -95,7 +109,7 @@ class Api(object):
         data = b""
         while b"\r\n\r\n" not in data:
             data += self._some()
-            if len(data) > LARGEST:
+            if len(data) > self._largest:
                 raise CallFailed("its answer is too large")
         head, _, body = data.partition(b"\r\n\r\n")
         status, _, fields = head.decode("latin-1").partition("\r\n")
@@ -103,7 +117,7 @@ class Api(object):
             raise CallFailed("it answered " + status)
         fields = dict(line.lower().split(":", 1) for line in fields.split("\r\n") if ":" in line)
         length = int(fields["content-length"])
-        if length > LARGEST:
+        if length > self._largest:
             raise CallFailed("its answer is too large")
         while len(body) < length:
             body += self._some()
@@ -137,10 +151,18 @@ def reason(error):
 
 
 def request(method, arguments):
-    """Return the body of a call with text arguments."""
-    values = "".join("<param><value>%s</value></param>" % escape(a) for a in arguments)
+    """Return the body of a call; its arguments are texts, and lists of them."""
+    values = "".join("<param>%s</param>" % encode(a) for a in arguments)
     text = "<?xml version='1.0'?><methodCall><methodName>%s</methodName><params>%s</params>"
     return ((text + "</methodCall>") % (method, values)).encode("utf-8")
+
+
+def encode(value):
+    """Return a value in XML."""
+    if isinstance(value, list):
+        inner = "".join(encode(item) for item in value)
+        return "<value><array><data>%s</data></array></value>" % inner
+    return "<value>%s</value>" % escape(value)
 
 
 def escape(text):

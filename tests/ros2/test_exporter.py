@@ -14,7 +14,7 @@ import attrs
 import pytest
 
 import rigel_k8s
-from rigel_exporter import dds_messages
+from rigel_exporter import messages
 
 from .conftest import PATIENCE
 
@@ -313,9 +313,9 @@ def test_other_dds(lab, exporter):
     diagnostics, tf, plain = (told["samples"][t] for t in ("/diagnostics", "/tf", "plain"))
     assert (diagnostics[3], tf[3], plain[3]) == (100.5, 100.5, None)
     statuses = [("motor", "m1", 2), ("lidar", "", 0)]
-    assert dds_messages.diagnostics(bytes.fromhex(diagnostics[4][0])) == statuses
+    assert messages.diagnostics(messages.cdr(bytes.fromhex(diagnostics[4][0]))) == statuses
     transforms = [("map", "odom", 100.5), ("map", "base", 100.5)]
-    assert dds_messages.transforms(bytes.fromhex(tf[4][0])) == transforms
+    assert messages.transforms(messages.cdr(bytes.fromhex(tf[4][0]))) == transforms
     [name] = told["nodes"]
     pod.signal(signal.SIGSTOP)
     seen.until(lambda told: told["nodes"] == {name: False})

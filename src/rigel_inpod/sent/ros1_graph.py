@@ -26,8 +26,8 @@ MOST_THREADS = 100
 def look(uri):
     """Return the graph of the master at this URI; raise CallFailed if it does not answer."""
     master = rosrpc.Api(uri, time.time() + MASTER)
-    publishers, subscribers, services = ask(master, "getSystemState")
-    types = dict(ask(master, "getTopicTypes"))
+    publishers, subscribers, services = master.ask("getSystemState")
+    types = dict(master.ask("getTopicTypes"))
     parts = (publishers, subscribers, services)
     names = sorted({name for part in parts for _, owners in part for name in owners})
     return {
@@ -39,21 +39,10 @@ def look(uri):
     }
 
 
-def ask(api, method, *arguments):
-    """Return a method's value; raise CallFailed if it refuses."""
-    answer = api.call(method, *arguments)
-    if isinstance(answer[0], list):
-        return answer  # roscpp answers getBusStats without a code
-    code, message, value = answer
-    if code != "1":
-        raise rosrpc.CallFailed(message)
-    return value
-
-
 def find_node(master, name):
     """Return a node's URI, "" if the master does not have it."""
     try:
-        return ask(master, "lookupNode", name)
+        return master.ask("lookupNode", name)
     except rosrpc.CallFailed:
         return ""
 
@@ -85,14 +74,14 @@ def ask_node(node):
     try:
         node["address"] = address_of(node["uri"])
         api = rosrpc.Api(node["uri"], time.time() + ANSWER)
-        node["pid"] = ask(api, "getPid")
-        node["publications"] = ask(api, "getPublications")
-        node["subscriptions"] = ask(api, "getSubscriptions")
-        first, began = ask(api, "getBusStats"), time.time()
+        node["pid"] = api.ask("getPid")
+        node["publications"] = api.ask("getPublications")
+        node["subscriptions"] = api.ask("getSubscriptions")
+        first, began = api.ask("getBusStats"), time.time()
         api.close()
         time.sleep(SPAN)
         later = rosrpc.Api(node["uri"], time.time() + ANSWER)
-        second = ask(later, "getBusStats")
+        second = later.ask("getBusStats")
         node["seconds"] = time.time() - began
         node["stats"] = [first, second]
         later.close()

@@ -36,7 +36,7 @@ MODULES = (
     *(
         f"rigel_exporter.{name}"
         for name in (
-            *("graph", "dds_headers", "dds_messages", "dds_names", "dds_discovery", "dds_wire"),
+            *("messages", "samples", "graph", "dds_names", "dds_discovery", "dds_wire"),
             *("dds_reliable", "dds_peer", "dds_samples", "dds_participant", "dds_view"),
             *("dds_ways", "dds"),
         )

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from rigel_exporter import dds_discovery as discovery
-from rigel_exporter import dds_messages as messages_of
 from rigel_exporter import dds_participant
 from rigel_exporter import dds_wire as wire
+from rigel_exporter import messages as messages_of
 from rigel_exporter.dds import Domain
 from rigel_exporter.dds_discovery import ENDPOINTS
 from rigel_exporter.dds_participant import NAME, Participant
@@ -106,7 +106,10 @@ def test_other_dds():
     heard = hearing.samples()
     assert (heard.messages > 0, heard.stamp) == (True, 100.5)
     [payload] = heard.payloads
-    assert messages_of.transforms(payload) == [("map", "odom", 100.5), ("map", "base", 100.5)]
+    assert messages_of.transforms(messages_of.cdr(payload)) == [
+        ("map", "odom", 100.5),
+        ("map", "base", 100.5),
+    ]
 
 
 @pytest.mark.parametrize("name", RECORDED)

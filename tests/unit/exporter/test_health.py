@@ -3,48 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 
 from rigel_exporter.collection import PATIENCE, Collection
 from rigel_exporter.config import Config
 from rigel_exporter.dds_reliable import Change, Incoming
 from rigel_exporter.dds_wire import Data, Gap, Heartbeat
-from rigel_exporter.graph import Graph, Samples
 from rigel_exporter.listening import Listening
+from rigel_exporter.samples import Samples
 
-
-class Half:
-    """A graph of nothing, with one status that is heard once."""
-
-    def __init__(self) -> None:
-        self.payloads: list[bytes] = [b"once"]
-
-    def look(self) -> Graph:
-        return Graph()
-
-    def subscribe(self, topic: str, keep: int = 0) -> Half:
-        return self
-
-    def samples(self) -> Samples:
-        kept, self.payloads = tuple(self.payloads), []
-        return Samples(payloads=kept)
-
-    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
-        return [("motor", "", 0)]
-
-    def clock(self, payload: bytes) -> float:
-        return 0.0
-
-    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
-        return []
-
-    def close(self) -> None:
-        pass
+from .test_serving import Half, status
 
 
 def test_it_is_well_after_a_look_and_not_for_ever() -> None:
     """A thread that hangs looks no more; Kubernetes must start the exporter again."""
-    collection = Collection(Half(), Config(interval=5.0))
+    half = Half()
+    half.go.set()
+    collection = Collection(half, Config(interval=5.0))
     assert not collection.well(), "no look yet"
     collection._look()
     assert collection.well()
@@ -53,7 +27,9 @@ def test_it_is_well_after_a_look_and_not_for_ever() -> None:
 
 
 def test_a_status_that_no_one_repeats_is_stale_after_half_a_minute() -> None:
-    listening = Listening(Half(), Config(diagnostics=True))
+    half = Half()
+    listening = Listening(half, Config(diagnostics=True))
+    half.heard["/diagnostics"].now = Samples(payloads=(status("motor", 0),))
 
     def level(now: float) -> float:
         [found] = [s for s in listening.samples(now) if s.name == "ros_diagnostics_level"]

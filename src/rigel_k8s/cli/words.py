@@ -132,7 +132,7 @@ def complete_release(ctx: click.Context, param: click.Parameter, incomplete: str
     """Return the Rigelfile's jobs that have a release."""
     from rigel_k8s.commands import targets
 
-    return offer_names(ctx, incomplete, targets.list_named)
+    return offer_names(ctx, incomplete, lambda s: targets.names(s, "release"))
 
 
 def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:

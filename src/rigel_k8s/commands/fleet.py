@@ -9,8 +9,7 @@ import attrs
 
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.releases import take_down
-from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.commands.targets import Release, find_release, names_of
+from rigel_k8s.commands.targets import Jobs, Release, read_jobs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import make_failure
 from rigel_k8s.jobs.job import JobReporter
@@ -20,7 +19,6 @@ from rigel_k8s.jobs.values import Values
 from rigel_k8s.jobs.waves import Outcome, count_failures, list_outcomes
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.release.types import Plan, ReleaseId
-from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.threads import parallel
 
@@ -45,10 +43,10 @@ def down(
         UserError: the sequence does not exist, or none of its releases does.
         ProblemsError: the name of a release waits for what a job stores.
     """
-    rigelfile = load(settings, patient=True)
-    steps = list_steps(rigelfile, sequence, settings)
+    jobs = read_jobs(settings)
+    steps = list_steps(jobs.rigelfile, sequence, settings)
     with connect(settings) as cluster:
-        stages = [list_releases(step, rigelfile, settings, cluster) for step in steps.steps]
+        stages = [list_releases(step, jobs, cluster) for step in steps.steps]
     with interruptible() as cancel:
         removal = Removal(settings, report, cancel, volumes=volumes)
         removal.end_all(stages[::-1])
@@ -60,19 +58,16 @@ def down(
     return list(removal.plans.items())
 
 
-def list_releases(
-    step: Step, rigelfile: Rigelfile, settings: Settings, cluster: Cluster
-) -> list[ReleaseId]:
-    """Return the releases that the jobs below a step deploy, each once. Raises as names_of."""
-    values = Values(rigelfile)
-    found: dict[ReleaseId, None] = {}
+def list_releases(step: Step, jobs: Jobs, cluster: Cluster) -> list[ReleaseId]:
+    """Return the releases that the jobs below a step deploy, each once. Raises as read_names."""
+    values = Values(jobs.rigelfile)
+    releases: dict[ReleaseId, None] = {}
     for job, data in list_uses(step, lambda step, known: values.preview_matrix(step, known)[0]):
         if hasattr(job.type, "release"):
-            options = names_of(rigelfile, job, settings, data)
-            release = find_release(job, options, settings, cluster)
+            release = jobs.find_release(job, jobs.read_names(job, data), cluster)
             if release is not None:
-                found[release] = None
-    return list(found)
+                releases[release] = None
+    return list(releases)
 
 
 @attrs.frozen

@@ -58,10 +58,9 @@ def render(settings: Settings, job: str | None, data: Mapping[str, Any] | None =
     Args:
         data: what a sequence passes to the job: `{{ data.KEY }}`.
     """
-    target = job_of(settings, job, data=data)
-    warnings = Warnings()
-    parts = target.list_parts(settings, None, warnings)
-    return Manifests(together.render(parts), (*target.warnings, *warnings.texts))
+    target = job_of(settings, job, data)
+    manifests = together.render(target.list_parts(None))
+    return Manifests(manifests, tuple(target.warnings.texts))
 
 
 def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = None) -> Difference:
@@ -69,11 +68,11 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
 
     Raises: as `run` does before its first write.
     """
-    target = job_of(settings, job, data=data)
-    warnings = Warnings()
+    target = job_of(settings, job, data)
+    warnings = target.warnings
     options = DeployOptions(report=warnings, adopt=settings.adopt)
     with connect(settings) as cluster:
-        parts = target.list_parts(settings, cluster, warnings)
+        parts = target.list_parts(cluster)
         conflict = None
         try:
             looks = together.look_at(parts, cluster, options)
@@ -81,32 +80,9 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
             conflict = error
             looks = together.look_at(parts, cluster, attrs.evolve(options, adopt=True))
     for look in looks:
-        for text in look.warnings:
-            warnings.warn(text)
+        warnings.texts += look.warnings
     steps = tuple(step for look in looks for step in look.plan.steps)
-    texts = (*target.warnings, *warnings.texts)
-    return Difference(steps, difference(steps), texts, conflict)
-
-
-@attrs.define
-class Warnings:
-    """A reporter that keeps warnings and shows nothing."""
-
-    texts: list[str] = attrs.field(factory=list)
-
-    def line(self, text: str) -> None:
-        """Show nothing."""
-
-    def warn(self, text: str) -> None:
-        """Keep a warning."""
-        self.texts.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Show nothing."""
-
-    def child(self, name: str) -> Warnings:
-        """Return itself."""
-        return self
+    return Difference(steps, difference(steps), tuple(warnings.texts), conflict)
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Entry]:

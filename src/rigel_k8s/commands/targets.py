@@ -5,31 +5,31 @@ A release on a cluster needs no Rigelfile: its revisions have all the informatio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
 
 from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.deploying.target import release_key
 from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.job import JobContext, JobReporter
+from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.steps import Job
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.option_text import has_template
-from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
 from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
-from rigel_k8s.settings import Application, Settings
+from rigel_k8s.settings import Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.release.together import Part
@@ -39,45 +39,217 @@ NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all r
 
 
 @attrs.frozen
+class Jobs:
+    """The jobs of a Rigelfile, and which of them a command means."""
+
+    rigelfile: Rigelfile
+    settings: Settings
+
+    def list_jobs(self, able: str) -> list[Job]:
+        """Return the jobs whose type has a method: parts, release or workloads (jobs/job.py)."""
+        directory = self.settings.rigelfile.absolute().parent
+        jobs = []
+        for spec in self.rigelfile.jobs.values():
+            with suppress(UserError):  # its type is not known
+                jobs.append(Job(spec, registry.job_type(spec.plugin, directory)))
+        return [job for job in jobs if hasattr(job.type, able)]
+
+    def choose(self, name: str | None, nodes: Sequence[str] = ()) -> Job:
+        """Return the named job, or the one that deploys the Rigelfile's application.
+
+        Several jobs of one release count as one: the one that describes all of it.
+
+        Args:
+            nodes: of several releases, the one that has all of these is meant.
+
+        Raises:
+            UserError: the job does not exist, or there are several releases and no name.
+        """
+        if name is not None:
+            return self._find(name)
+        jobs = self.list_jobs("workloads")
+        if not jobs:
+            raise UserError(
+                f"{self.rigelfile.source.name} has no orchestration job",
+                hint="add a job with `plugin: rigel_k8s.OrchestrationPlugin`",
+            )
+        if len(jobs) == 1:  # most files: its options need not be read for its names
+            return jobs[0]
+        by_release = defaultdict(list)
+        for job in jobs:
+            by_release[release_key(self.read_names(job), self.settings)].append(job)
+        meant = list(by_release.values())
+        if len(meant) > 1 and nodes:
+            meant = [same for same in meant if self._have_nodes(same, nodes)]
+        if len(meant) != 1:
+            names = ", ".join(same[0].name for same in by_release.values())
+            raise UserError(
+                "the Rigelfile has several releases", hint=f"name a job, one of: {names}"
+            )
+        whole = [job for job in meant[0] if not is_partial(spec_keys(job.spec))]
+        return (whole or meant[0])[0]
+
+    def _find(self, name: str) -> Job:
+        deploying = {job.name: job for job in self.list_jobs("parts")}
+        if name in deploying:
+            return deploying[name]
+        if name in self.rigelfile.jobs:
+            raise UserError(
+                f'the job "{name}" deploys nothing',
+                hint=f"jobs that deploy: {', '.join(deploying) or 'none'}",
+            )
+        raise self.unknown(name)[0]
+
+    def unknown(self, name: str) -> tuple[UserError, str | None]:
+        """Return the error for a name that no job has, and the job that was probably meant."""
+        names = [job.name for job in self.list_jobs("parts")]
+        close = grammar.find_nearest(name, names)
+        meant = f', did you mean "{close}"?' if close else ""
+        hint = f"jobs that deploy: {', '.join(names) or 'none'}"
+        return UserError(f'unknown job "{name}"{meant}', hint=hint), close
+
+    def _have_nodes(self, jobs: Sequence[Job], nodes: Sequence[str]) -> bool:
+        there = {object_name(key) for job in jobs for key in self.list_nodes(job)}
+        return there.issuperset(map(object_name, nodes))
+
+    def list_nodes(self, job: Job) -> list[str]:
+        """Return the keys of a job's nodes, and its other workloads. Raises as read_names."""
+        if not hasattr(job.type, "workloads"):
+            return []
+        return list(job.type.workloads(self.read_names(job), self.rigelfile.application))
+
+    def read_names(self, job: Job, data: Mapping[str, Any] | None = None) -> Any:
+        """Return a job's options as far as they are known without a run, and the release's names.
+
+        The settings' namespace replaces the job's, which then need not be known.
+
+        Args:
+            data: what a sequence's matrix passes to them.
+
+        Raises:
+            ProblemsError: something is wrong with them, or a name waits for data of a sequence.
+        """
+        source = (self.rigelfile, job.spec, job.overrides, data or {}, job.type.options)
+        seen = grammar.preview(*source)
+        if any(finding.severity == "error" for finding in seen.findings):
+            raise grammar.problems_error(self.rigelfile.source, seen.findings)
+        options = seen.options if seen.options is not None else seen.draft
+        hint = None
+        if has_template(str(getattr(options, "deployment_name", ""))):
+            hint = NAME_RELEASE
+        elif not self.settings.namespace and has_template(str(getattr(options, "namespace", ""))):
+            hint = NAME_NAMESPACE
+        if hint:
+            try:
+                grammar.realise(*source)
+            except ProblemsError as error:
+                error.hint = hint
+                raise
+        return options
+
+    def find_release(self, job: Job, options: Any, cluster: Cluster) -> ReleaseId | None:
+        """Return the release that is a job's own; None without one."""
+        find = getattr(job.type, "release", None)
+        return find(options, self.settings, cluster) if find else None
+
+
+def read_jobs(settings: Settings) -> Jobs:
+    """Return the jobs of the settings' Rigelfile, whose variables need not all be known."""
+    return Jobs(load(settings, patient=True), settings)
+
+
+def names(settings: Settings, able: str = "parts") -> list[str]:
+    """Return the names of all jobs that deploy something, or of those with another method."""
+    return [job.name for job in read_jobs(settings).list_jobs(able)]
+
+
+def node_names(settings: Settings, job: str | None = None) -> list[str]:
+    """Return the keys of a job's nodes, and its other workloads. Raises as job_of."""
+    jobs = read_jobs(settings)
+    return jobs.list_nodes(jobs.choose(job))
+
+
+def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
+    """Return a job's `with` as far as it is in the file."""
+    plain: dict[str, Any] = grammar.strip_places(spec.options)
+    return plain
+
+
+@attrs.define
+class Warnings:
+    """A reporter that keeps warnings and shows nothing."""
+
+    texts: list[str] = attrs.field(factory=list)
+
+    def line(self, text: str) -> None:
+        """Show nothing."""
+
+    def warn(self, text: str) -> None:
+        """Keep a warning."""
+        self.texts.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Show nothing."""
+
+    def child(self, name: str) -> Warnings:
+        """Return itself."""
+        return self
+
+
+@attrs.frozen
 class TargetJob:
-    """A job whose options are all known and right.
+    """A job that is looked at and not run; its options are all known and right.
 
     Attributes:
-        data: what a sequence passes to it.
-        warnings: of its options' check, rendered.
-        place: turns problems with the options into texts with their lines in the Rigelfile.
+        warnings: of its options' check; what looks at it adds more.
     """
 
-    job: Job
+    type: Any
     options: Any
-    data: Mapping[str, Any]
-    raw: Mapping[str, Any]
-    application: Application
-    warnings: Sequence[str]
-    place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
+    context: JobContext
+    warnings: Warnings
 
-    @property
-    def name(self) -> str:
-        """The job's key in the Rigelfile."""
-        return self.job.name
-
-    def list_parts(
-        self, settings: Settings, cluster: Cluster | None, report: JobReporter
-    ) -> Sequence[Part]:
+    def list_parts(self, cluster: Cluster | None) -> Sequence[Part]:
         """Return what it would deploy; nothing is written."""
-        context = JobContext(
-            self.name,
-            self.application,
-            report,
-            settings,
-            data=dict(self.data),
-            raw=self.raw,
-            place=self.place,
-            dry=True,
-        )
-        kind: Any = self.job.type
-        parts: Sequence[Part] = kind.parts(self.options, context, cluster)
+        parts: Sequence[Part] = self.type.parts(self.options, self.context, cluster)
         return parts
+
+
+def job_of(
+    settings: Settings, name: str | None, data: Mapping[str, Any] | None = None
+) -> TargetJob:
+    """Return the named job, or the one that deploys the Rigelfile's application.
+
+    Args:
+        data: what a sequence passes to the job.
+
+    Raises:
+        UserError: the job does not exist, or there are several releases and no name; lists them.
+        ProblemsError: the job's options are wrong, or wait for data of other jobs.
+    """
+    rigelfile = load(settings)
+    job = Jobs(rigelfile, settings).choose(name)
+    values = Values(rigelfile)
+    _, findings = values.preview(job, data or {})
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
+    try:
+        ready = values.realise(job, data or {})
+    except ProblemsError as error:  # data is missing
+        error.hint = "pass what a sequence would store: --data KEY=VALUE"
+        raise
+    warnings = Warnings(list(ready.warnings))
+    context = JobContext(
+        job.name,
+        rigelfile.application,
+        warnings,
+        settings,
+        data=dict(data or {}),
+        raw=ready.raw,
+        place=ready.place,
+        dry=True,
+    )
+    return TargetJob(job.type, ready.options, context, warnings)
 
 
 @attrs.frozen
@@ -91,58 +263,6 @@ class Release:
     cluster: Cluster
     id: ReleaseId
     observability: Any = None
-
-
-class NoSuchJob(UserError):
-    """The Rigelfile has no job of that name.
-
-    Args:
-        close: a job whose name is nearly the same, if there is one.
-    """
-
-    def __init__(self, name: str, close: str | None, *, hint: str) -> None:
-        meant = f', did you mean "{close}"?' if close else ""
-        super().__init__(f'unknown job "{name}"{meant}', hint=hint)
-        self.name = name
-        self.close = close
-
-
-def job_of(
-    settings: Settings,
-    name: str | None,
-    rigelfile: Rigelfile | None = None,
-    data: Mapping[str, Any] | None = None,
-) -> TargetJob:
-    """Return the named job, or the one that deploys the Rigelfile's application.
-
-    Args:
-        rigelfile: the content of the settings' file, if it was read before.
-        data: what a sequence passes to the job.
-
-    Raises:
-        UserError: the job does not exist, or there are several releases and no name; lists them.
-        ProblemsError: the job's options are wrong, or wait for data of other jobs.
-    """
-    rigelfile = rigelfile or load(settings)
-    job = choose_job(rigelfile, settings, name)
-    values = Values(rigelfile)
-    _, findings = values.preview(job, data or {})
-    if any(finding.severity == "error" for finding in findings):
-        raise grammar.problems_error(rigelfile.source, findings)
-    try:
-        ready = values.realise(job, data or {})
-    except ProblemsError as error:  # data is missing
-        error.hint = "pass what a sequence would store: --data KEY=VALUE"
-        raise
-    return TargetJob(
-        job,
-        ready.options,
-        data or {},
-        ready.raw,
-        rigelfile.application,
-        ready.warnings,
-        ready.place,
-    )
 
 
 def release(
@@ -164,218 +284,74 @@ def release(
 
     Raises: as job_of.
     """
-    if not settings.rigelfile.exists() and is_default(settings.rigelfile):
-        if name is None and named:
-            raise UserError(
-                f"{settings.rigelfile} does not exist, and no release is named",
-                hint="name the release; `rigel list` lists those of a namespace",
-            )
-        cluster = connect(settings)
-        if name is None:
-            return find_only(cluster, settings)
-        return name_release(cluster, settings, name)
-    rigelfile = load(settings, patient=True)
-    try:
-        job = choose_job(rigelfile, settings, name, nodes)
-    except NoSuchJob as error:
-        return find_other(error, settings)
-    options = names_of(rigelfile, job, settings)
+    if settings.rigelfile == Settings().rigelfile and not settings.rigelfile.exists():
+        return find_without_rigelfile(settings, name, named=named)
+    jobs = read_jobs(settings)
+    if name is not None and name not in jobs.rigelfile.jobs:
+        return find_beside(jobs, name)
+    job = jobs.choose(name, nodes)
+    options = jobs.read_names(job)
     cluster = connect(settings)
-    found = find_release(job, options, settings, cluster)
-    if found is None:
+    own = jobs.find_release(job, options, cluster)
+    if own is None:
         raise UserError(
             f'the job "{job.name}" has no release of its own',
             hint="see the stack with `rigel observe status`, Multus with `rigel network status`",
         )
-    return Release(cluster, found, getattr(options, "observability", None))
+    return Release(cluster, own, getattr(options, "observability", None))
 
 
-def find_release(
-    job: Job, options: Any, settings: Settings, cluster: Cluster | None
-) -> ReleaseId | None:
-    """Return the release that is a job's own; None without one."""
-    find = getattr(job.type, "release", None)
-    return find(options, settings, cluster) if find else None
+def find_without_rigelfile(settings: Settings, name: str | None, *, named: bool) -> Release:
+    """Return the release with a name, or the only one of the namespace.
 
-
-def find_only(cluster: Cluster, settings: Settings) -> Release:
-    """Return the only release of the namespace. Raises UserError without one, or with several."""
+    Raises:
+        UserError: there is none, or several; or it must be named.
+    """
+    missing = f"{settings.rigelfile} does not exist, and no release is named"
+    if name is None and named:
+        raise UserError(missing, hint="name the release; `rigel list` lists those of a namespace")
+    cluster = connect(settings)
     namespace = settings.namespace or cluster.namespace
-    names = sorted({one.release.name for one in list_releases(cluster, namespace)})
-    if len(names) == 1:
-        return name_release(cluster, settings, names[0])
-    there = f"there are {', '.join(names)}" if names else "none exists"
+    if name is not None:
+        return Release(cluster, ReleaseId(namespace, name))
+    releases = {one.release for one in list_releases(cluster, namespace)}
+    if len(releases) == 1:
+        return Release(cluster, releases.pop())
+    there = ", ".join(sorted(one.name for one in releases))
     raise UserError(
-        f"{settings.rigelfile} does not exist, and no release is named: {there} in the namespace"
+        f"{missing}: {f'there are {there}' if there else 'none exists'} in the namespace"
         f" {namespace}",
         hint="name the release, and its namespace with -n; `rigel list -A` lists all",
     )
 
 
-def is_default(rigelfile: Path) -> bool:
-    """Whether no Rigelfile was named: `./Rigelfile` may be missing then."""
-    return rigelfile == Settings().rigelfile
-
-
-def name_release(cluster: Cluster, settings: Settings, name: str) -> Release:
-    """Return a release by its name, without checking that it exists."""
-    return Release(cluster, ReleaseId(settings.namespace or cluster.namespace, name))
-
-
-def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
+def find_beside(jobs: Jobs, name: str) -> Release:
     """Return the release with a name that is not a job of the Rigelfile.
 
     Without the right to list Secrets, as a viewer, it is not known whether it exists.
 
     Raises:
-        NoSuchJob: the release does not exist either, or the name is nearly that of a job.
+        UserError: the release does not exist either, or the name is nearly that of a job; or the
+            kubeconfig is wrong.
         ClusterError: the cluster could not be searched for it.
-        UserError: the kubeconfig is wrong.
     """
+    unknown, close = jobs.unknown(name)
     try:
-        cluster = connect(settings)
-        found = name_release(cluster, settings, unknown.name)
+        cluster = connect(jobs.settings)
+        found = Release(cluster, ReleaseId(jobs.settings.namespace or cluster.namespace, name))
         exists = bool(revisions.records(cluster, found.id))
     except RigelK8sError as error:
-        if unknown.close:
+        if close:
             raise unknown from error
         if isinstance(error, Forbidden):
             return found
         kind = UserError if isinstance(error, UserError) else ClusterError
         raise kind(
-            f'"{unknown.name}" is not a job, and a release of that name could not be looked up: '
+            f'"{name}" is not a job, and a release of that name could not be looked up: '
             f"{error.message}",
             hint=error.hint,
-            details=[*filter(None, [unknown.hint]), *error.details],
+            details=[str(unknown.hint), *error.details],
         ) from error
     if not exists:
         raise unknown
     return found
-
-
-def names(settings: Settings) -> list[str]:
-    """Return the names of all jobs that deploy something."""
-    rigelfile = load(settings, patient=True)
-    return [job.name for job in list_jobs(rigelfile, settings) if hasattr(job.type, "parts")]
-
-
-def list_named(settings: Settings) -> list[str]:
-    """Return the names of all jobs that `release` finds a release by."""
-    rigelfile = load(settings, patient=True)
-    return [job.name for job in list_jobs(rigelfile, settings) if hasattr(job.type, "release")]
-
-
-def node_names(settings: Settings, job: str | None = None) -> list[str]:
-    """Return the keys of a job's nodes, and its other workloads. Raises as job_of."""
-    rigelfile = load(settings, patient=True)
-    return list_node_names(rigelfile, choose_job(rigelfile, settings, job), settings)
-
-
-def list_node_names(rigelfile: Rigelfile, job: Job, settings: Settings) -> list[str]:
-    """Return the keys of a job's nodes, and its other workloads. Raises as names_of."""
-    if not hasattr(job.type, "workloads"):
-        return []
-    options = names_of(rigelfile, job, settings)
-    return list(job.type.workloads(options, rigelfile.application))
-
-
-def choose_job(
-    rigelfile: Rigelfile, settings: Settings, name: str | None, nodes: Sequence[str] = ()
-) -> Job:
-    """Return the meant job: deploy and update jobs of one application count as one."""
-    deploying = [job for job in list_jobs(rigelfile, settings) if hasattr(job.type, "parts")]
-    if name is not None:
-        return find_job(rigelfile, deploying, name)
-    jobs = [job for job in deploying if hasattr(job.type, "workloads")]
-    if not jobs:
-        raise UserError(
-            f"{rigelfile.source.name} has no orchestration job",
-            hint="add a job with `plugin: rigel_k8s.OrchestrationPlugin`",
-        )
-    if len(jobs) == 1:  # most files: its options need not be read for its names
-        return jobs[0]
-    by_release: dict[tuple[str, str], list[Job]] = {}
-    for job in jobs:
-        options = names_of(rigelfile, job, settings)
-        where = settings.namespace or str(options.namespace or "")
-        by_release.setdefault((where, str(options.deployment_name)), []).append(job)
-    if len(by_release) > 1 and nodes:
-        having = [
-            same for same in by_release.values() if has_nodes(rigelfile, same, settings, nodes)
-        ]
-        if len(having) == 1:
-            return choose_whole(having[0])
-    if len(by_release) > 1:
-        listed = ", ".join(same[0].name for same in by_release.values())
-        raise UserError("the Rigelfile has several releases", hint=f"name a job, one of: {listed}")
-    return choose_whole(jobs)
-
-
-def choose_whole(jobs: Sequence[Job]) -> Job:
-    """Return the job of a release that describes all of it, if there is one."""
-    return next((job for job in jobs if not is_partial(spec_keys(job.spec))), jobs[0])
-
-
-def has_nodes(
-    rigelfile: Rigelfile, jobs: Sequence[Job], settings: Settings, nodes: Sequence[str]
-) -> bool:
-    """Return whether the jobs of a release have all of some nodes, by key or ROS name."""
-    there = {object_name(key) for job in jobs for key in list_node_names(rigelfile, job, settings)}
-    return there.issuperset(map(object_name, nodes))
-
-
-def list_jobs(rigelfile: Rigelfile, settings: Settings) -> Iterator[Job]:
-    """Yield the jobs whose types are known."""
-    directory = settings.rigelfile.absolute().parent
-    for spec in rigelfile.jobs.values():
-        with suppress(UserError):
-            yield Job(spec, registry.job_type(spec.plugin, directory))
-
-
-def find_job(rigelfile: Rigelfile, deploying: Sequence[Job], name: str) -> Job:
-    """Return the job of that name."""
-    by_name = {job.name: job for job in deploying}
-    if name in by_name:
-        return by_name[name]
-    hint = f"jobs that deploy: {', '.join(by_name) or 'none'}"
-    if name in rigelfile.jobs:
-        raise UserError(f'the job "{name}" deploys nothing', hint=hint)
-    raise NoSuchJob(name, grammar.find_nearest(name, by_name), hint=hint)
-
-
-def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
-    """Return a job's `with` as far as it is in the file."""
-    plain: dict[str, Any] = grammar.strip_places(spec.options)
-    return plain
-
-
-def names_of(
-    rigelfile: Rigelfile, job: Job, settings: Settings, data: Mapping[str, Any] | None = None
-) -> Any:
-    """Return a job's options as far as they are known without a run, and the release's names.
-
-    The settings' namespace replaces the job's, which then need not be known.
-
-    Args:
-        data: what a sequence's matrix passes to them.
-
-    Raises:
-        ProblemsError: something is wrong with them, or a name waits for data of a sequence.
-    """
-    source = (rigelfile, job.spec, job.overrides, data or {}, job.type.options)
-    seen = grammar.preview(*source)
-    if any(finding.severity == "error" for finding in seen.findings):
-        raise grammar.problems_error(rigelfile.source, seen.findings)
-    options = seen.options if seen.options is not None else seen.draft
-    hint = None
-    if has_template(str(getattr(options, "deployment_name", ""))):
-        hint = NAME_RELEASE
-    elif not settings.namespace and has_template(str(getattr(options, "namespace", ""))):
-        hint = NAME_NAMESPACE
-    if hint:
-        try:
-            grammar.realise(*source)
-        except ProblemsError as error:
-            error.hint = hint
-            raise
-    return options

@@ -12,7 +12,7 @@ from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.commands.targets import choose_job, names_of, spec_keys
+from rigel_k8s.commands.targets import Jobs, read_jobs, spec_keys
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import runner
 from rigel_k8s.jobs.job import JobReporter
@@ -63,8 +63,8 @@ class DeployedJob:
         return named is not None and self.settings.namespace in (None, named)
 
     def _read_names(self) -> Any:
-        rigelfile = load(self.settings, patient=True)
-        return names_of(rigelfile, choose_job(rigelfile, self.settings, self.job), self.settings)
+        jobs = read_jobs(self.settings)
+        return jobs.read_names(jobs.choose(self.job))
 
     def prepare(self, wanted: Wanted) -> tuple[Prepared, tuple[str, ...]]:
         """Return the job with a stack in it, checked, and the images that the options name.
@@ -76,7 +76,7 @@ class DeployedJob:
             RigelK8sError: the Ditto cannot be reached.
         """
         rigelfile = load(self.settings)
-        spec = choose_job(rigelfile, self.settings, self.job).spec
+        spec = Jobs(rigelfile, self.settings).choose(self.job).spec
         own = spec_keys(spec)
         muto = own.get("muto") or (own.get(NESTED) or {}).get("muto") or {}
         muto = muto if isinstance(muto, dict) else {}

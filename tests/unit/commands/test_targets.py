@@ -65,13 +65,13 @@ def settings(tmp_path: Path, *jobs: str, namespace: str | None = None) -> Settin
 
 def test_jobs_of_one_release_count_as_one(tmp_path: Path) -> None:
     """The one that says what the release is is meant, wherever it stands."""
-    assert job_of(settings(tmp_path, BUILD, UPDATE, FOREIGN, DEPLOY), None).name == "deploy"
+    assert job_of(settings(tmp_path, BUILD, UPDATE, FOREIGN, DEPLOY), None).context.name == "deploy"
     assert names(settings(tmp_path, BUILD, UPDATE, FOREIGN, DEPLOY)) == ["update", "deploy"]
 
 
 def test_a_partial_job_alone_is_meant_too(tmp_path: Path) -> None:
     """Nothing else could be."""
-    assert job_of(settings(tmp_path, UPDATE), None).name == "update"
+    assert job_of(settings(tmp_path, UPDATE), None).context.name == "update"
 
 
 def test_several_releases_need_a_name(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_several_releases_need_a_name(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="several releases") as caught:
         job_of(found, None)
     assert caught.value.hint == "name a job, one of: deploy, other"
-    assert job_of(found, "other").name == "other"
+    assert job_of(found, "other").context.name == "other"
 
 
 def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) -> None:
@@ -299,7 +299,7 @@ def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> Non
     found = settings(tmp_path, AGENT, DEPLOY, BUILD)
     assert release(found, "agent").id == ReleaseId("own", "muto-agent")
     assert release(found).id.name == "rigel-k8s-application"
-    assert targets.list_named(found) == ["agent", "deploy"]
+    assert names(found, "release") == ["agent", "deploy"]
     with pytest.raises(UserError, match='the job "build" deploys nothing'):
         release(found, "build")
     with pytest.raises(ProblemsError):

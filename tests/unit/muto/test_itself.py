@@ -64,7 +64,7 @@ def test_ros_2_launches_what_its_image_has() -> None:
     settings = Settings(rigelfile=EXAMPLE / "ros2" / "Rigelfile")
     target = job_of(settings, None)
     launch = target.options.nodes["muto"].launch
-    place = f"/home/rigeluser/ros_workspace/src/{target.application.dir.name}"
+    place = f"/home/rigeluser/ros_workspace/src/{target.context.application.dir.name}"
     assert launch.file == f"{place}/launch/muto.launch.py"
 
 

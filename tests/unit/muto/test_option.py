@@ -13,7 +13,7 @@ from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
-from rigel_k8s.commands.targets import TargetJob, choose_job, job_of, names_of
+from rigel_k8s.commands.targets import TargetJob, job_of, read_jobs
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
@@ -210,7 +210,7 @@ def test_a_stack_without_programs_needs_nodes_of_the_rigelfile(tmp_path: Path) -
 
 def test_warnings_of_a_stack_come_with_render_and_diff(tmp_path: Path) -> None:
     """They are part of what the commands on a job print."""
-    (warning,) = deploy(write(tmp_path, TALKER)).warnings
+    (warning,) = deploy(write(tmp_path, TALKER)).warnings.texts
     assert "$(dirname) is none of $(find PACKAGE)" in warning
 
 
@@ -284,16 +284,13 @@ def test_a_stack_that_an_earlier_job_names_is_looked_at_when_it_is_known(tmp_pat
     """Until then nothing is reported, and the release has its name."""
     path = write(tmp_path, LISTENER, muto={"stack": "{{ data.stack }}"}, deployment_name="robot")
     assert findings(path) == []
-    loaded = load(path)
-    assert (
-        str(names_of(loaded, choose_job(loaded, Settings(), "deploy"), Settings()).deployment_name)
-        == "robot"
-    )
+    jobs = read_jobs(Settings(path))
+    assert str(jobs.read_names(jobs.choose("deploy")).deployment_name) == "robot"
 
 
 def test_a_revision_records_nodes_and_no_stack(tmp_path: Path) -> None:
     """So a rollback, or a job that describes a part, needs no file."""
-    raw = deploy(write(tmp_path, LISTENER)).raw
+    raw = deploy(write(tmp_path, LISTENER)).context.raw
     assert raw["nodes"] == {"r1/listener": {"package": "demo", "executable": "listener"}}
     assert "muto" not in raw
 

@@ -15,7 +15,7 @@ import pytest
 
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
-from rigel_k8s.commands.targets import choose_job, job_of, names_of
+from rigel_k8s.commands.targets import job_of, read_jobs
 from rigel_k8s.errors import ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import prepare_job
 from rigel_k8s.rigelfile import load
@@ -82,7 +82,7 @@ def test_a_stack_and_what_it_refers_to_are_fetched_once(
     made = job_of(rigelfile(stack="org:robot", twin_url=ditto.url), None)
     assert list(made.options.nodes) == ["wheels", "talker"]
     assert ditto.list_requests() == ["GET /api/2/things/org:robot", "GET /api/2/things/org:base"]
-    assert f"{ditto.url}/api/2/things/org:robot:1:" in made.warnings[0]
+    assert f"{ditto.url}/api/2/things/org:robot:1:" in made.warnings.texts[0]
 
 
 def test_a_things_url_names_stack_and_ditto(
@@ -111,11 +111,8 @@ def test_looking_asks_no_ditto(ditto: HttpServer, rigelfile: Callable[..., Setti
     settings = rigelfile(stack="org:robot", twin_url=ditto.url)
     (found,) = rigelfiles.check(settings).findings
     assert (found.kind, found.severity) == ("not-fetched", "warning")
-    loaded = load(settings.rigelfile, patient=True)
-    assert (
-        str(names_of(loaded, choose_job(loaded, Settings(), "deploy"), Settings()).deployment_name)
-        == "robot"
-    )
+    jobs = read_jobs(Settings(settings.rigelfile))
+    assert str(jobs.read_names(jobs.choose("deploy")).deployment_name) == "robot"
     assert ditto.requests == []
 
 

@@ -21,8 +21,8 @@ from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, drop_empty
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
-from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container
-from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
+from rigel_k8s.observability.manifests.program import CONFIG_ANNOTATION, container, load
+from rigel_k8s.observability.names import COMPONENT, EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import RosMetrics
 
 #: What `rigel image ros-exporter` builds.
@@ -34,13 +34,8 @@ REMEDY = {
     " `ros_metrics: {image: REF}`, or set `ros_metrics: false`"
 }
 
-FILE, DIRECTORY, VOLUME = "config.json", "/etc/ros-exporter", "configuration"
+FILE, DIRECTORY = "config.json", "/etc/ros-exporter"
 USER = 65532
-#: Measured: docs/ros-metrics.md.
-RESOURCES = {
-    "requests": {"cpu": "20m", "memory": "48Mi"},
-    "limits": {"memory": "192Mi"},
-}
 
 
 @attrs.frozen
@@ -96,10 +91,14 @@ def pod(
 
     Files of init containers are for ROS' own programs: the exporter itself waits for its interface.
     """
+    (fields,) = load("programs/ros-exporter.yaml")["pod"]["containers"]
+    fields["image"] = EXPORTER_IMAGE
+    if not around.ros.dds:
+        fields = {"env": [{"name": "ROS_IP", **address(wired)}], **fields}
     made = {
         **graph.placement,
-        "containers": [exporter_container(around, options, wired)],
-        "volumes": [{"name": VOLUME, "configMap": {"name": config}}],
+        "containers": [container(EXPORTER, options, fields)],
+        "volumes": [{"name": "configuration", "configMap": {"name": config}}],
         "securityContext": pod_context(USER),
         "automountServiceAccountToken": False,
         "terminationGracePeriodSeconds": 20,
@@ -108,35 +107,11 @@ def pod(
     return made | (dict(wired.pod) if around.ros.dds else {})
 
 
-def exporter_container(around: ReleaseContext, options: RosMetrics, wired: Wiring) -> Object:
-    """Return the exporter's container."""
-    return container(
-        EXPORTER,
-        options,
-        EXPORTER_IMAGE,
-        RESOURCES,
-        **({} if around.ros.dds else {"env": [{"name": "ROS_IP", **address(wired)}]}),
-        ports=[{"name": "metrics", "containerPort": EXPORTER_PORT}],
-        volumeMounts=[{"name": VOLUME, "mountPath": DIRECTORY, "readOnly": True}],
-        **probes(),
-    )
-
-
 def address(wired: Wiring) -> Object:
     """Return the exporter's own address for ROS 1: that on the second network, else the pod's."""
     found = wired.env.get("ROS_IP", {})
     own = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.podIP"}}}
     return dict(found) if "value" in found else own
-
-
-def probes() -> Object:
-    """Return probes; an exporter that has not looked for a minute is restarted."""
-    get = {"httpGet": {"path": "/healthz", "port": "metrics"}, "timeoutSeconds": 5}
-    return {
-        "startupProbe": {**get, "periodSeconds": 1, "failureThreshold": 90},
-        "readinessProbe": {**get, "periodSeconds": 10},
-        "livenessProbe": {**get, "periodSeconds": 30},
-    }
 
 
 def configuration(

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 #: The stack's release; its namespace is the option's.
 RELEASE = "rigel-observability"
+#: On all pods that watch ROS but are not ROS nodes.
+COMPONENT = {"app.kubernetes.io/component": "observability"}
 
 #: The Services of the stack, in its namespace, and their ports.
 LOKI, LOKI_PORT = "loki", 3100

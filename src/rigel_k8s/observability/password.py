@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.manifests.grafana import ADMIN_SECRET, PASSWORD, USER_NAME
 from rigel_k8s.observability.names import GRAFANA
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
+#: The Secret, and its keys; Grafana's pod reads it.
+ADMIN_SECRET, USER_NAME, PASSWORD = "grafana-admin", "admin-user", "admin-password"
 USER = "admin"
 #: Bytes of a random password: 24 letters.
 LENGTH = 18

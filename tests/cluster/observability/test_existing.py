@@ -15,11 +15,11 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.manifests.desired import stack_release
-from rigel_k8s.observability.manifests.images import PROMETHEUS_IMAGE
 from rigel_k8s.observability.manifests.stack import Boards
 from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.types import Desired
+from rigel_lab.cluster.observability_images import PROMETHEUS_IMAGE
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy
 

@@ -17,8 +17,8 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.manifests.images import LOKI_IMAGE
 from rigel_k8s.observability.names import LABELS
+from rigel_lab.cluster.observability_images import LOKI_IMAGE
 
 from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, is_ready, until

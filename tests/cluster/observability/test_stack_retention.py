@@ -14,8 +14,8 @@ import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.objects.scalars import Retention
-from rigel_k8s.observability.manifests.frame import digest
-from rigel_k8s.observability.manifests.loki import loki
+from rigel_k8s.observability.manifests.desired import loki
+from rigel_k8s.observability.manifests.program import digest
 from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Loki, Observability
 from rigel_k8s.release.types import Desired, ReleaseId

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.observability.password import ADMIN_SECRET, PASSWORD, USER_NAME
 from rigel_k8s.release.types import Desired
 from tests.support.golden import Golden
 
-from .shapes import GOLDEN, release
+from .shapes import GOLDEN, find, release
 
 EXISTING = """
 existing:
@@ -115,6 +116,15 @@ def test_claims_outlive_the_stack() -> None:
     """`down` leaves what holds data."""
     kept = {ref.name for ref in made("everything").protected}
     assert kept == {"loki-data", "prometheus-data", "grafana-data"}
+
+
+def test_grafana_reads_the_secret_of_its_administrator() -> None:
+    """The one that is created before it."""
+    pod = find(made("default"), "Deployment", "grafana")["spec"]["template"]["spec"]
+    env = {one["name"]: one for one in pod["containers"][0]["env"]}
+    for name, key in (("USER", USER_NAME), ("PASSWORD", PASSWORD)):
+        source = env[f"GF_SECURITY_ADMIN_{name}"]["valueFrom"]["secretKeyRef"]
+        assert source == {"name": ADMIN_SECRET, "key": key}
 
 
 def test_golden_files_have_their_case() -> None:

@@ -1,1 +1,1 @@
-"""The observability stack as objects, one module a program; pure."""
+"""The observability stack as objects: files/programs/ has a file for each program; pure."""

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+import yaml
+
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.observability.manifests.dashboards import dashboards
-from rigel_k8s.observability.manifests.frame import Object
-from rigel_k8s.observability.manifests.grafana import grafana
-from rigel_k8s.observability.manifests.loki import loki
-from rigel_k8s.observability.manifests.machines import kube_state_metrics, node_exporter
 from rigel_k8s.observability.manifests.operator import monitoring
 from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR, otel_collector
 from rigel_k8s.observability.manifests.policies import policies
-from rigel_k8s.observability.manifests.prometheus import prometheus
+from rigel_k8s.observability.manifests.program import (
+    Draft,
+    list_loki_variables,
+    load,
+    read_file,
+)
 from rigel_k8s.observability.manifests.promtail import PROMTAIL, promtail
+from rigel_k8s.observability.manifests.scraping import (
+    KUBE_STATE_METRICS,
+    NODE_EXPORTER,
+    write_prometheus_config,
+)
 from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.names import GRAFANA, LABELS, LOKI, PROMETHEUS, RELEASE
 from rigel_k8s.release.types import Desired, ReleaseId
 
-COLLECTORS: Mapping[str, Callable[[Stack], Iterator[Object]]] = {
-    OTEL_COLLECTOR: otel_collector,
-    PROMTAIL: promtail,
-}
+COLLECTORS = {OTEL_COLLECTOR: otel_collector, PROMTAIL: promtail}
+#: The label that Grafana's sidecars look for by default.
+SIDECAR_LABEL = {"grafana_dashboard": "1"}
 
 
 def stack_release(stack: Stack, options: Mapping[str, Any]) -> Desired:
@@ -54,12 +61,96 @@ def _objects(stack: Stack) -> Iterator[Object]:
     if stack.operator is not None:
         yield from monitoring(stack, stack.operator)
     if stack.kube_state_metrics.enabled:
-        yield from kube_state_metrics(stack)
+        yield from Draft(stack, KUBE_STATE_METRICS, stack.kube_state_metrics).objects()
     if stack.options.node_exporter.enabled:
-        yield from node_exporter(stack)
+        yield from Draft(stack, NODE_EXPORTER, stack.options.node_exporter).objects()
     if stack.has_grafana:
         yield from grafana(stack)
     elif stack.other_grafana is not None:
         yield from dashboards(stack)
     if stack.options.network_policies:
         yield from policies(stack)
+
+
+def loki(stack: Stack) -> Iterator[Object]:
+    """Yield Loki's objects."""
+    options = stack.options.loki
+    labels = {"action": "index_label", "attributes": [*LABELS, "level"]}
+    attributes = {"ignore_defaults": True, "attributes_config": [labels]}
+    config = load("loki.yaml")
+    config["limits_config"] |= {
+        "retention_period": str(options.retention or "7d"),
+        "otlp_config": {"resource_attributes": attributes},
+    }
+    text = yaml.safe_dump(config, sort_keys=False)
+    draft = Draft(stack, LOKI, options, [stack.config_map(LOKI, {"loki.yaml": text})])
+    draft.keep(options.persistence)
+    return draft.objects()
+
+
+def prometheus(stack: Stack) -> Iterator[Object]:
+    """Yield Prometheus' objects."""
+    options = stack.options.prometheus
+    config = stack.config_map(PROMETHEUS, {"prometheus.yml": write_prometheus_config(stack)})
+    rules = stack.config_map(f"{PROMETHEUS}-rules", stack.boards.rules, PROMETHEUS)
+    draft = Draft(stack, PROMETHEUS, options, [config, rules])
+    retention = options.retention or "15d"
+    draft.container["args"].append(f"--storage.tsdb.retention.time={retention}")
+    draft.keep(options.persistence)
+    return draft.objects()
+
+
+def grafana(stack: Stack) -> Iterator[Object]:
+    """Yield Grafana's objects and the dashboards, without the Secret of its administrator."""
+    options = stack.options.grafana
+    texts = {
+        "datasources.yaml": _datasources(stack),
+        "dashboards.yaml": read_file("dashboards.yaml"),
+    }
+    draft = Draft(stack, GRAFANA, options, [stack.config_map(GRAFANA, texts)])
+    draft.container["env"] += list_loki_variables(stack)
+    shown = list(dashboards(stack))
+    (volume,) = (one for one in draft.pod["volumes"] if one["name"] == "dashboards")
+    volume["projected"]["sources"] = [
+        {"configMap": {"name": one["metadata"]["name"], "items": [{"key": key, "path": key}]}}
+        for one in shown
+        for key in one["data"]
+    ]
+    draft.keep(options.persistence, default=False)
+    yield from shown
+    yield from draft.objects()
+
+
+def _datasources(stack: Stack) -> str:
+    """Return the datasources that have an address."""
+    known = load("datasources.yaml")
+    prometheus = known["prometheus"] | {"url": stack.prometheus_url}
+    interval = str(stack.options.prometheus.scrape_interval or "15s")
+    prometheus["jsonData"]["timeInterval"] = interval
+    loki = known["loki"] | {"url": stack.loki_url}
+    existing = stack.other_loki
+    if existing and existing.tenant:
+        loki["jsonData"]["httpHeaderName1"] = "X-Scope-OrgID"
+        loki["secureJsonData"] = {"httpHeaderValue1": existing.tenant}
+    if existing and existing.secret:
+        loki |= {"basicAuth": True, "basicAuthUser": "$LOKI_USER"}
+        loki.setdefault("secureJsonData", {})["basicAuthPassword"] = "$LOKI_PASSWORD"
+    sources = [source for source in (prometheus, loki) if source["url"]]
+    return yaml.safe_dump({"apiVersion": 1, "datasources": sources}, sort_keys=False)
+
+
+def dashboards(stack: Stack) -> Iterator[Object]:
+    """Yield a ConfigMap for each dashboard: all together may be too large for one.
+
+    Our Grafana mounts them, another Grafana's sidecar finds them.
+    """
+    if not stack.options.grafana.default_dashboards:
+        return
+    other = stack.other_grafana
+    labels = {str(k): str(v) for k, v in other.labels.items()} if other else {}
+    for file, text in sorted(stack.boards.dashboards.items()):
+        made = stack.config_map(f"dashboard-{file.removesuffix('.json')}", {file: text}, GRAFANA)
+        made["metadata"]["labels"] |= labels or SIDECAR_LABEL
+        if other and other.folder:
+            made["metadata"]["annotations"] = {"grafana_folder": other.folder}
+        yield made

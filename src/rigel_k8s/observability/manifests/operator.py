@@ -9,7 +9,7 @@ import yaml
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
-from rigel_k8s.observability.manifests.frame import Object
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests.scraping import (
     KUBE_STATE_METRICS,
     own_parts,
@@ -55,6 +55,6 @@ def _endpoint(job: str, rules: Sequence[Object], *, keeps_labels: bool) -> Objec
 
 
 def _object(stack: Stack, found: ExistingPrometheus, kind: str, name: str, spec: Object) -> Object:
-    metadata = stack.frame.metadata(name)
-    metadata["labels"] |= {str(key): str(value) for key, value in found.labels.items()}
-    return {"apiVersion": GROUP_VERSION, "kind": kind, "metadata": metadata, "spec": spec}
+    made = stack.make(GROUP_VERSION, kind, name, spec=spec)
+    made["metadata"]["labels"] |= {str(key): str(value) for key, value in found.labels.items()}
+    return made

@@ -1,7 +1,6 @@
-"""The OpenTelemetry Collector on every machine: it reads the lines of that machine's pods.
+"""The OpenTelemetry Collector: its configuration, and its objects.
 
-It runs as root, since only root may read them, but without root's capabilities. Labels are resource
-attributes of its records; Loki's configuration (loki.py) makes labels of them again.
+Labels are resource attributes of its records; Loki's configuration makes labels of them again.
 """
 
 from __future__ import annotations
@@ -13,43 +12,22 @@ import yaml
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import lines
-from rigel_k8s.observability.manifests.frame import (
-    FOR_EVER,
-    Object,
-    container,
-    load,
-    mount,
-    rule,
-)
-from rigel_k8s.observability.manifests.images import OTEL_COLLECTOR_IMAGE
+from rigel_k8s.observability.manifests.program import Draft, list_loki_variables, load
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
 OTEL_COLLECTOR = "otel-collector"
-METRICS_PORT, HEALTH_PORT = 8888, 13133
-CONFIG = "/etc/otel-collector"
-LOGS = "/var/log/pods"
-#: How far each file was read, kept on the machine: the next pod continues where this one stops.
-#: Machines may share a disk, so each has a directory of its own.
-POSITIONS = "/var/lib/rigel-otel-collector"
 LOGIN = "basicauth/loki"
-DEFAULTS = {
-    "requests": {"cpu": "25m", "memory": "64Mi"},
-    "limits": {"memory": "256Mi"},
-}
-MEMORY = "limits.memory"
 
 
 def otel_collector(stack: Stack) -> Iterator[Object]:
     """Yield the collector's objects."""
-    frame = stack.frame
-    texts = {"collector.yaml": configuration(stack)}
-    config = frame.config_map(OTEL_COLLECTOR, texts, OTEL_COLLECTOR)
-    yield frame.account(OTEL_COLLECTOR)
-    yield from frame.rights(OTEL_COLLECTOR, [rule("", ["pods"], ["get", "list", "watch"])])
-    yield config
-    yield frame.daemon_set(OTEL_COLLECTOR, _pod(stack), [config])
+    config = stack.config_map(OTEL_COLLECTOR, {"collector.yaml": configuration(stack)})
+    draft = Draft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
+    draft.container["env"] += list_loki_variables(stack)
+    return draft.objects()
 
 
 def configuration(stack: Stack) -> str:
@@ -131,47 +109,3 @@ def _statements() -> Iterator[str]:
     yield f"keep_keys(resource.attributes, {json.dumps([*LABELS, 'level'])})"
     yield "keep_keys(log.attributes, [])"
     yield "set(log.observed_time_unix_nano, 0)"
-
-
-def _pod(stack: Stack) -> Object:
-    health = {"httpGet": {"path": "/", "port": "health"}, "timeoutSeconds": 5}
-    main = container(
-        OTEL_COLLECTOR,
-        stack.options.otel_collector,
-        OTEL_COLLECTOR_IMAGE,
-        DEFAULTS,
-        args=[f"--config={CONFIG}/collector.yaml"],
-        env=list(_environment(stack)),
-        ports=[
-            {"name": "http", "containerPort": METRICS_PORT},
-            {"name": "health", "containerPort": HEALTH_PORT},
-        ],
-        volumeMounts=[
-            mount("config", CONFIG, read_only=True),
-            mount("logs", LOGS, read_only=True),
-            mount("positions", POSITIONS),
-        ],
-        startupProbe={**health, "periodSeconds": 2, "failureThreshold": FOR_EVER},
-        readinessProbe={**health, "periodSeconds": 10},
-    )
-    return {
-        "serviceAccountName": OTEL_COLLECTOR,
-        "automountServiceAccountToken": True,
-        "securityContext": {"runAsUser": 0, "seccompProfile": {"type": "RuntimeDefault"}},
-        "containers": [main],
-        "volumes": [
-            {"name": "config", "configMap": {"name": OTEL_COLLECTOR}},
-            {"name": "logs", "hostPath": {"path": LOGS, "type": "DirectoryOrCreate"}},
-            {"name": "positions", "hostPath": {"path": POSITIONS, "type": "DirectoryOrCreate"}},
-        ],
-    }
-
-
-def _environment(stack: Stack) -> Iterator[Object]:
-    yield {"name": "NODE_NAME", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}
-    # The garbage collector works harder if the container's limit is near.
-    yield {"name": "GOMEMLIMIT", "valueFrom": {"resourceFieldRef": {"resource": MEMORY}}}
-    if stack.other_loki and stack.other_loki.secret:
-        for name, key in (("LOKI_USER", "username"), ("LOKI_PASSWORD", "password")):
-            source = {"secretKeyRef": {"name": str(stack.other_loki.secret), "key": key}}
-            yield {"name": name, "valueFrom": source}

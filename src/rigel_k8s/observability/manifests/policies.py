@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import selector
-from rigel_k8s.observability.manifests.frame import Object
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests.scraping import KUBE_STATE_METRICS
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import GRAFANA, LOKI, PROMETHEUS, RELEASE
@@ -58,13 +58,10 @@ def _policy(stack: Stack, name: str, pods: dict[str, str], sources: list[Object]
     allowed: Object = {"ports": [{"port": "http", "protocol": "TCP"}]}
     if sources:
         allowed["from"] = sources
-    return {
-        "apiVersion": "networking.k8s.io/v1",
-        "kind": "NetworkPolicy",
-        "metadata": stack.frame.metadata(name, RELEASE if sources is None else name),
-        "spec": {
-            "podSelector": {"matchLabels": pods},
-            "policyTypes": ["Ingress"],
-            "ingress": [] if sources is None else [allowed],
-        },
+    part = RELEASE if sources is None else name
+    spec = {
+        "podSelector": {"matchLabels": pods},
+        "policyTypes": ["Ingress"],
+        "ingress": [] if sources is None else [allowed],
     }
+    return stack.make("networking.k8s.io/v1", "NetworkPolicy", name, part, spec=spec)

@@ -1,62 +1,45 @@
-"""Promtail on every machine: it reads the lines of that machine's pods.
-
-It runs as root, since only root may read them, but without root's capabilities.
-"""
+"""Promtail: its configuration, and its objects."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import yaml
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import lines
-from rigel_k8s.observability.manifests.frame import (
-    Object,
-    container,
-    http_probes,
-    mount,
-    rule,
-)
-from rigel_k8s.observability.manifests.images import PROMTAIL_IMAGE
-from rigel_k8s.observability.manifests.relabelling import contract, rules
+from rigel_k8s.observability.manifests.program import Draft, load
+from rigel_k8s.observability.manifests.scraping import contract, rules
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
-PROMTAIL, PROMTAIL_PORT = "promtail", 9080
-CONFIG = "/etc/promtail"
+PROMTAIL = "promtail"
+#: Where it reads the user of a Loki that needs a login.
 SECRET = "/etc/promtail-loki"
-LOGS = "/var/log/pods"
-#: How far each file was read, kept on the machine: the next pod continues where this one stops.
-#: Machines may share a disk, so the file's name contains the machine's.
-POSITIONS = "/var/lib/rigel-promtail"
-DEFAULTS = {
-    "requests": {"cpu": "25m", "memory": "64Mi"},
-    "limits": {"memory": "256Mi"},
-}
 
 
 def promtail(stack: Stack) -> Iterator[Object]:
     """Yield Promtail's objects."""
-    frame = stack.frame
-    config = frame.config_map(PROMTAIL, {"promtail.yaml": configuration(stack)}, PROMTAIL)
-    yield frame.account(PROMTAIL)
-    yield from frame.rights(PROMTAIL, [rule("", ["pods"], ["get", "list", "watch"])])
-    yield config
-    yield frame.daemon_set(PROMTAIL, _pod(stack), [config])
+    config = stack.config_map(PROMTAIL, {"promtail.yaml": configuration(stack)})
+    draft = Draft(stack, PROMTAIL, stack.options.promtail, [config])
+    if stack.other_loki and (secret := stack.other_loki.secret):
+        draft.pod["volumes"].append({"name": "loki", "secret": {"secretName": str(secret)}})
+        login = {"name": "loki", "mountPath": SECRET, "readOnly": True}
+        draft.container["volumeMounts"].insert(-1, login)
+    return draft.objects()
 
 
 def configuration(stack: Stack) -> str:
     """Return promtail.yaml."""
-    made: Object = {
-        "server": {"http_listen_port": PROMTAIL_PORT, "grpc_listen_port": 0, "log_level": "warn"},
-        "positions": {"sync_period": "2s"},
-        "clients": [_client(stack)],
-        # A file without new lines is checked again soon.
-        "target_config": {"sync_period": "5s"},
-        "scrape_configs": [_scrape(stack)],
-    }
+    made = load("promtail.yaml")
+    made["clients"] = [_client(stack)]
+    (scrape,) = made["scrape_configs"]
+    if stack.options.collect != "all":
+        (pods,) = scrape["kubernetes_sd_configs"]
+        pods["selectors"] = [{"role": "pod", "label": RELEASE_LABEL}]
+    scrape["relabel_configs"] = [*contract(), *rules("log_path")]
+    scrape["pipeline_stages"] = list(_stages())
     return yaml.safe_dump(made, sort_keys=False, width=100_000)
 
 
@@ -77,20 +60,8 @@ def _client(stack: Stack) -> Object:
     return made
 
 
-def _scrape(stack: Stack) -> Object:
-    # Promtail itself adds the machine to the selector, by HOSTNAME, so it only sees its own pods.
-    found: Object = {"role": "pod"}
-    if stack.options.collect != "all":
-        found["selectors"] = [{"role": "pod", "label": RELEASE_LABEL}]
-    return {
-        "job_name": "pods",
-        "kubernetes_sd_configs": [found],
-        "relabel_configs": [*contract(), *rules("log_path")],
-        "pipeline_stages": list(_stages()),
-    }
-
-
-def _stages() -> Iterator[dict[str, Any]]:
+def _stages() -> Iterator[Object]:
+    """Yield what makes entries of lines, and finds their level."""
     yield {"cri": {}}
     yield {"replace": {"expression": lines.GOES_ON, "replace": lines.MARKED}}
     yield {
@@ -106,42 +77,3 @@ def _stages() -> Iterator[dict[str, Any]]:
     yield {"template": {"source": "level", "template": lines.LEVEL_TEMPLATE}}
     yield {"labels": {"level": None}}
     yield {"labelallow": [*LABELS, "level"]}
-
-
-def _pod(stack: Stack) -> Object:
-    loki = stack.other_loki
-    secret = loki.secret if loki else None
-    read = [("config", CONFIG), ("logs", LOGS)] + ([("loki", SECRET)] if secret else [])
-    volumes: list[Object] = [
-        {"name": "config", "configMap": {"name": PROMTAIL}},
-        {"name": "logs", "hostPath": {"path": LOGS, "type": "DirectoryOrCreate"}},
-        {"name": "positions", "hostPath": {"path": POSITIONS, "type": "DirectoryOrCreate"}},
-    ]
-    if secret:
-        volumes.append({"name": "loki", "secret": {"secretName": str(secret)}})
-    main = container(
-        PROMTAIL,
-        stack.options.promtail,
-        PROMTAIL_IMAGE,
-        DEFAULTS,
-        args=[
-            f"-config.file={CONFIG}/promtail.yaml",
-            f"-positions.file={POSITIONS}/$(HOSTNAME).yaml",
-        ],
-        env=[{"name": "HOSTNAME", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}],
-        ports=[{"name": "http", "containerPort": PROMTAIL_PORT}],
-        volumeMounts=[
-            *(mount(name, path, read_only=True) for name, path in read),
-            mount("positions", POSITIONS),
-        ],
-        **http_probes("/ready"),
-    )
-    return {
-        "serviceAccountName": PROMTAIL,
-        "automountServiceAccountToken": True,
-        # If Loki restarts too, Promtail waits for it with the lines that it has read.
-        "terminationGracePeriodSeconds": 120,
-        "securityContext": {"runAsUser": 0, "seccompProfile": {"type": "RuntimeDefault"}},
-        "containers": [main],
-        "volumes": volumes,
-    }

@@ -1,4 +1,8 @@
-"""What Prometheus scrapes: prometheus.yml with the jobs of the contract."""
+"""What Prometheus scrapes: prometheus.yml with the jobs of the contract.
+
+Rules of relabelling make the labels of the contract (names.LABELS) from a pod's metadata; others
+are in files/relabelling.yaml. Promtail and prometheus-operator take them in the same form.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,8 @@ import yaml
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
-from rigel_k8s.observability.manifests.frame import Object, load
-from rigel_k8s.observability.manifests.relabelling import contract, rules
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.observability.manifests.program import load
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS, LOKI, PROMETHEUS, RELEASE
 
@@ -18,12 +22,19 @@ NODE_EXPORTER = "node-exporter"
 INTERVAL = "15s"
 
 
-def configuration(stack: Stack, directory: str) -> str:
-    """Return prometheus.yml.
+def contract() -> list[Object]:
+    """Return the rules that make a pod's labels."""
+    return [{"source_labels": [source], "target_label": name} for name, source in LABELS.items()]
 
-    Args:
-        directory: that of the rule files.
-    """
+
+def rules(name: str) -> list[Object]:
+    """Return a list of files/relabelling.yaml, of the caller's own."""
+    found: list[Object] = load("relabelling.yaml")[name]
+    return found
+
+
+def write_prometheus_config(stack: Stack) -> str:
+    """Return prometheus.yml."""
     options = stack.options.prometheus
     jobs = load("prometheus.yml")["scrape_configs"]
     for job in jobs:
@@ -34,7 +45,7 @@ def configuration(stack: Stack, directory: str) -> str:
             "scrape_interval": str(options.scrape_interval or INTERVAL),
             "evaluation_interval": str(options.evaluation_interval or INTERVAL),
         },
-        "rule_files": [f"{directory}/*.yaml"],
+        "rule_files": ["/etc/prometheus-rules/*.yaml"],
         "scrape_configs": [_scrape_own(*part, stack) for part in own_parts(stack)] + jobs,
     }
     if options.alertmanagers:

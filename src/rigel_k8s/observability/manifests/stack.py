@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import attrs
 
-from rigel_k8s.observability.manifests.frame import Frame
-from rigel_k8s.observability.names import LOKI, LOKI_PORT, PROMETHEUS, PROMETHEUS_PORT, RELEASE
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import labels
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.observability.names import (
+    COMPONENT,
+    LOKI,
+    LOKI_PORT,
+    PROMETHEUS,
+    PROMETHEUS_PORT,
+    RELEASE,
+)
 from rigel_k8s.observability.options import (
     DEFAULT_COLLECTOR,
     Existing,
@@ -44,11 +54,6 @@ class Stack:
     boards: Boards = attrs.field(factory=Boards)
     claims: bool = True
     api_servers: tuple[str, ...] = ()
-
-    @property
-    def frame(self) -> Frame:
-        """The frame that makes its objects."""
-        return Frame(self.namespace, RELEASE, self.options.placement.node_selector)
 
     @property
     def existing(self) -> Existing:
@@ -116,3 +121,19 @@ class Stack:
             return persistence.enabled
         asked = default or persistence.size is not None
         return persistence.storage_class is not None or (asked and self.claims)
+
+    def make(
+        self, api_version: str, kind: str, name: str, part: str | None = None, **fields: Any
+    ) -> Object:
+        """Return an object in its namespace, with the labels of a part: by default of its name."""
+        metadata = {"name": name, "namespace": self.namespace, "labels": make_labels(part or name)}
+        return {"apiVersion": api_version, "kind": kind, "metadata": metadata, **fields}
+
+    def config_map(self, name: str, data: Mapping[str, str], part: str | None = None) -> Object:
+        """Return a ConfigMap of texts."""
+        return self.make("v1", "ConfigMap", name, part, data=dict(data))
+
+
+def make_labels(part: str) -> dict[str, str]:
+    """Return the labels of a part's objects and pods."""
+    return {**labels(part, RELEASE), **COMPONENT, RELEASE_LABEL: RELEASE}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
-from rigel_k8s.observability.manifests import images as images_of_stack
+from rigel_k8s.observability.manifests.program import load
 from rigel_lab.cluster import observability_images as names
 from rigel_lab.cluster.components import ON_REQUEST, Components
 from rigel_lab.cluster.extras import extra_images, list_offered
@@ -91,13 +91,10 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 
 def test_what_rigel_deploys_is_what_is_offered() -> None:
     """The stack's own defaults are in the registry, but for Grafana."""
+    programs = ("loki", "promtail", "otel-collector", "prometheus", "kube-state-metrics")
     assert set(list_offered(["observability"])) == {
-        images_of_stack.LOKI_IMAGE,
-        images_of_stack.PROMTAIL_IMAGE,
-        images_of_stack.OTEL_COLLECTOR_IMAGE,
-        images_of_stack.PROMETHEUS_IMAGE,
-        images_of_stack.KUBE_STATE_METRICS_IMAGE,
-        images_of_stack.NODE_EXPORTER_IMAGE,
+        load(f"programs/{name}.yaml")["pod"]["containers"][0]["image"]
+        for name in (*programs, "node-exporter")
     }
     assert EXPORTER_IMAGE == exporter.UPSTREAM
 

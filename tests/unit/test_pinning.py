@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import attrs
 import pytest
 
-from rigel_k8s.network.multus.install import find_release, installation_of
-from rigel_k8s.network.multus.installation import Found
-from rigel_k8s.network.multus.platform import platform
-from rigel_k8s.network.multus.recognition import Group
+from rigel_k8s.network.multus.install import find_release
+from rigel_k8s.network.multus.installation import Installation
+from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.scalars import ImageRef
@@ -95,8 +93,6 @@ def test_the_stack_and_multus_are_pinned(registry: TagRegistry, fake: FakeCluste
     assert set(images_of(stack.desired.objects)) == {f"{name}@{DIGEST}"}
     image = ImageRef(name)
     install = Install(multus_image=image, whereabouts_image=image, plugins_image=image)
-    found = Found((), (Group(platform("plain"), ()),), None, None, frozenset())
-    installation = installation_of(found, install)
     for retired in (False, True):
-        asked = attrs.evolve(installation, retired=retired)
-        assert set(images_of(find_release(fake, asked, found).objects)) == {f"{name}@{DIGEST}"}
+        installation = Installation([Group(platform("plain"))], install, retired=retired)
+        assert set(images_of(find_release(fake, installation).objects)) == {f"{name}@{DIGEST}"}

@@ -46,13 +46,12 @@ from rigel_lab.images.ros1base.overlay import entries as ros1
 from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
-from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
-from rigel_k8s.network.multus.desired import machine_script
+from rigel_k8s.network.multus.manifests import DEFINITIONS, machine_script, read, read_definitions
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert list_package() and read_lock()
 assert interface_script() and machine_script()
-assert attachment_definition() and whereabouts_definitions()
+assert read_definitions(DEFINITIONS) and read("files", "multus-rights")
 """
 
 

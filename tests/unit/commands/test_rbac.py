@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from rigel_k8s.cli.main import cli
 from rigel_k8s.commands.rbac import account
 from rigel_k8s.errors import UserError
-from rigel_k8s.network.multus.desired import Installation, network_release
-from rigel_k8s.network.multus.platform import platform
-from rigel_k8s.network.multus.recognition import Group
+from rigel_k8s.network.multus.installation import Installation
+from rigel_k8s.network.multus.manifests import network_release
+from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.objects.rights import find_missing, grant, make_rules
 from rigel_k8s.observability.desired import render_stack
 from rigel_k8s.observability.request import StackRequest
@@ -91,7 +91,7 @@ def test_an_installer_may_write_all_that_is_installed_and_grant_its_rights() -> 
     """Kubernetes lets no one grant a right that they do not have; nothing more is granted."""
     [role] = call("rbac", "installer")
     assert role["kind"] == "ClusterRole"
-    network = network_release(Installation((Group(platform("plain"), ()),)), "")
+    network = network_release(Installation([Group(platform("plain"))]), "")
     made = [*network.objects, *render_stack(StackRequest({})).desired.objects]
     assert find_missing(need_for(made, made, made, "kube-system"), role["rules"]) == []
     needed = {right for words in BESIDE for right in grant(*words)}

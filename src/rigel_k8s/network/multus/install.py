@@ -15,17 +15,21 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus import RELEASE
-from rigel_k8s.network.multus.desired import Installation, machine_script, network_release
-from rigel_k8s.network.multus.installation import Found, MultusPresence, complete_options, find
-from rigel_k8s.network.multus.platform import platform
-from rigel_k8s.network.multus.proving import find_proven, fingerprint, prove, remember
-from rigel_k8s.network.multus.recognition import Group
-from rigel_k8s.network.multus.rollout import Rollout
+from rigel_k8s.network.multus.installation import Installation, Presence, find_parts
+from rigel_k8s.network.multus.manifests import (
+    DEFINITIONS,
+    machine_script,
+    network_release,
+    read_definitions,
+)
+from rigel_k8s.network.multus.platform import Group, group_by_platform, platform
+from rigel_k8s.network.multus.proving import find_proven, list_marks, prove, remember
 from rigel_k8s.network.options import Install, Network
+from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.pinning import pin
-from rigel_k8s.release.deploy import Look, find_last_good
+from rigel_k8s.release.deploy import Look, Run, carry_out, find_last_good
 from rigel_k8s.release.refusals.foresight import Foreseen
-from rigel_k8s.release.survey import Survey
+from rigel_k8s.release.survey import Survey, belongs
 from rigel_k8s.release.together import Part, SharedPart, deploy, if_allowed
 from rigel_k8s.release.types import DeployOptions, Desired, Plan
 from rigel_k8s.report import Reporter
@@ -55,33 +59,25 @@ class MultusPart(SharedPart):
     """Multus and whereabouts.
 
     Attributes:
-        options: completed by those of earlier installations.
-        found: the cluster before.
+        installation: as the cluster has it now, and what is to be installed.
         unproven: machines that have not attached a pod with what is installed now.
         result: set when it is installed.
     """
 
-    options: Install
     installation: Installation
-    found: Found
-    unproven: frozenset[str]
+    unproven: frozenset[str] = frozenset()
     result: MultusResult | None = None
-
-    @property
-    def installs(self) -> bool:
-        """Whether any of it is ours."""
-        return self.installation.multus or self.installation.whereabouts
 
     def look(self, cluster: Cluster, *, adopt: bool) -> Look:
         """Return what would be done: nothing where others have installed it."""
-        if self.installs:
+        if self.installation.installs:
             return super().look(cluster, adopt=adopt)
         nothing = Survey(self.desired, (), {}, Foreseen(), None, (), None)
         return Look(nothing, Plan(RELEASE, ()))
 
     def changes(self, looked: Look) -> bool:
         """Whether something is to be installed, or proved."""
-        return bool(self.unproven) or (self.installs and super().changes(looked))
+        return bool(self.unproven or (self.installation.installs and super().changes(looked)))
 
     def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
         """Install or update both, and prove that each machine attaches pods.
@@ -89,16 +85,24 @@ class MultusPart(SharedPart):
         Raises:
             ClusterError: a machine cannot attach pods; the causes are in the details.
         """
-        report_others(self.found, options.report)
+        for part, presence in self.installation.there.items():
+            if not presence.ours:
+                name = part.replace("multus", "Multus")
+                source = f"{presence.where}, {presence.image}"
+                options.report.line(f"{name} is already installed ({source}), unchanged")
         self.warn_of_away(options.report)
-        if self.installs:
-            options = attrs.evolve(options, description="network")
-            rollout = Rollout(cluster, self.installation, self.found, options)
+        if self.installation.installs:
             if super().changes(looked):
-                rollout.let_be_away()
-            self.install(cluster, looked, options)
-            rollout.wait()
-        self.result = prove_nodes(cluster, self.options, options)
+                let_be_away(cluster, self.installation)
+            run = Run(
+                cluster=cluster,
+                desired=self.desired,
+                options=attrs.evolve(options, description="network"),
+                looked=looked,
+                away=frozenset(self.away),
+            )
+            carry_out(run)
+        self.result = prove_nodes(cluster, self.installation.options, options)
 
 
 def multus_part(
@@ -113,56 +117,78 @@ def multus_part(
     Raises:
         Forbidden: we may not look at the cluster.
     """
-    if cluster is None:
-        found = Found((), (Group(platform("plain"), ()),), None, None, frozenset())
-        options, unproven = given, frozenset[str]()
-    else:
+    installation, unproven = Installation([Group(platform("plain"))], given), frozenset[str]()
+    if cluster is not None:
         try:
-            options = complete_options(cluster, given)
-            found = find(cluster, options)
-            marks = marks_of(found)
-            unproven = frozenset(marks.keys() - find_proven(cluster, marks))
+            installation = find(cluster, given)
+            proven = find_proven(cluster, installation)
+            unproven = frozenset(list_marks(installation).keys() - proven)
         except Forbidden as error:
             if error.ground == "right":
                 error.hint = HINT
             raise
-    installation = installation_of(found, options)
-    desired = Desired(RELEASE, ())
-    if installation.multus or installation.whereabouts:
-        desired = find_release(cluster, installation, found)
+    nothing = Desired(RELEASE, ())
     return MultusPart(
-        desired=desired,
+        desired=find_release(cluster, installation) if installation.installs else nothing,
         rank="network",
         own=own,
         adopt=adopt,
         hint=HINT,
-        away=found.away,
-        options=options,
+        away=installation.away,
         installation=installation,
-        found=found,
         unproven=unproven,
     )
 
 
-def find_release(cluster: Cluster | None, installation: Installation, found: Found) -> Desired:
+def find(cluster: Cluster, given: Install) -> Installation:
+    """Look at a cluster.
+
+    Raises:
+        ClusterError: we may not read it, or it has no Linux machine.
+    """
+    options = complete_options(cluster, given)
+    nodes = cluster.nodes()
+    groups = group_by_platform(nodes, options)
+    if not groups:
+        raise ClusterError("cannot install Multus: the cluster has no Linux machine")
+    there = find_parts(cluster.list("apps/v1", "DaemonSet"))
+    refs = [ref_of(definition) for definition in read_definitions(DEFINITIONS)]
+    live = zip(refs, cluster.parallel(cluster.get, refs), strict=True)
+    foreign = frozenset(ref.name for ref, one in live if one and not belongs(one, RELEASE))
+    return Installation(groups, options, nodes, there, foreign)
+
+
+def complete_options(cluster: Cluster, given: Install) -> Install:
+    """Return options in which those that are not set have the values of the last installation.
+
+    Several Rigelfiles share a cluster's network: one with `install: true` must not revert the
+    images and directories that another has set.
+    """
+    last = find_last_good(cluster, RELEASE)
+    before = dict(last.options) if last else {}
+    new = attrs.asdict(given, filter=lambda _, value: value is not None)
+    return Install(**{**before, **new})
+
+
+def find_release(cluster: Cluster | None, installation: Installation) -> Desired:
     """Return the desired state of the release, with images by digest."""
     desired = network_release(installation, machine_script())
     if cluster is None:
         return desired
-    return pin(desired, find_last_good(cluster, RELEASE), lambda: found.nodes)
+    return pin(desired, find_last_good(cluster, RELEASE), lambda: installation.nodes)
 
 
 def requested_multus(
     network: Network | None, cluster: Cluster | None, report: Reporter
 ) -> list[Part]:
-    """Return the installation that an application's network requests.
+    """Return the installation that an application's network requests; only modes with Multus can.
 
     With rights only for applications the cluster is used as it is, with a warning. `adopt` is meant
     for the application's objects, not for those in kube-system.
     """
-    requested = install_requested_by(network)
-    if requested is None:
+    if network is None or network.install is None or not mode_of(network).attached:
         return []
+    requested = network.install
     return if_allowed(
         lambda: multus_part(requested, cluster, own=False, adopt=False), "Multus", report
     )
@@ -176,54 +202,43 @@ def install(cluster: Cluster, requested: Install, options: DeployOptions) -> Mul
     return part.result
 
 
-def install_requested_by(network: Network | None) -> Install | None:
-    """Return the installation that a network requests; only modes with Multus can."""
-    if network is None or network.install is None or not mode_of(network).attached:
-        return None
-    return network.install
-
-
-def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:
-    """Return what is to be installed; parts that others have installed are left to them."""
-    return Installation(
-        found.groups,
-        options,
-        multus=found.multus is None or found.multus.ours,
-        whereabouts=found.whereabouts is None or found.whereabouts.ours,
-        there=found.definitions,
-        retired=retired,
-    )
-
-
-def report_others(found: Found, report: Reporter) -> None:
-    """Report what others have installed."""
-    for name, part in (("Multus", found.multus), ("whereabouts", found.whereabouts)):
-        if part and not part.ours:
-            report.line(f"{name} is already installed ({part.where}, {part.image}), unchanged")
+def let_be_away(cluster: Cluster, installation: Installation) -> None:
+    """Let roll-outs continue although machines are unreachable: Kubernetes would wait for them."""
+    if not installation.away:
+        return
+    rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(installation.away)}}
+    for presence in installation.there.values():
+        for one in presence.sets if presence.ours else ():
+            cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
 
 def prove_nodes(cluster: Cluster, options: Install, how: DeployOptions) -> MultusResult:
     """Let each machine attach a pod that has not proved it before."""
-    found = find(cluster, options)
-    if found.multus is None:
+    installation = find(cluster, options)
+    multus = installation.there.get("multus")
+    if multus is None:
         raise ClusterError("Multus was removed while it was being installed")
-    marks = marks_of(found)
-    new = sorted(marks.keys() - find_proven(cluster, marks))
-    failed = prove(cluster, new, found.multus.image, how.report, how.cancel) if new else {}
+    marks = list_marks(installation)
+    new = sorted(marks.keys() - find_proven(cluster, installation))
+    failed = prove(cluster, new, multus.image, how.report, how.cancel) if new else {}
     if new:
         remember(cluster, {node: mark for node, mark in marks.items() if node not in failed})
-    report_failures(failed, found.multus, how.report)
-    good = tuple(node for node in marks if node not in failed)
-    return MultusResult(good, found.away, found.multus.where, found.multus.ours)
+    report_failures(failed, multus, how.report)
+    good = tuple(sorted(marks.keys() - failed.keys()))
+    return MultusResult(good, installation.away, multus.where, multus.ours)
 
 
-def marks_of(found: Found) -> dict[str, str]:
-    """Return the current fingerprint of each machine that is up."""
-    parts = [part for part in (found.multus, found.whereabouts) if part]
-    sets = [one for part in parts for one in part.sets]
-    up = set(found.up)
-    nodes = [node for node in found.nodes if node["metadata"]["name"] in up]
-    return {node["metadata"]["name"]: fingerprint(node, sets) for node in nodes}
+def report_failures(failed: Mapping[str, str], multus: Presence, report: Reporter) -> None:
+    """Raise an error if our own Multus cannot attach; only warn if it is another one."""
+    lines = [f"{node}: {cause}" for node, cause in sorted(failed.items())]
+    if lines and multus.ours:
+        raise ClusterError(
+            f"{len(lines)} machine(s) cannot attach pods to a second network",
+            hint=f"kubectl -n {RELEASE.namespace} logs daemonset/rigel-multus -c multus",
+            details=lines,
+        )
+    for line in lines:
+        report.warn(f"Multus ({multus.where}) attaches no pod on {line}")
 
 
 def describe(done: MultusResult) -> str:
@@ -231,19 +246,3 @@ def describe(done: MultusResult) -> str:
     names = ", ".join(done.nodes) or "no machine"
     away = f"; not tried, since unreachable: {', '.join(done.away)}" if done.away else ""
     return f"Multus ({done.multus}) attaches pods on {names}{away}"
-
-
-def report_failures(failed: Mapping[str, str], multus: MultusPresence, report: Reporter) -> None:
-    """Raise an error if our own Multus cannot attach; only warn if it is another one."""
-    lines = [f"{node}: {cause}" for node, cause in sorted(failed.items())]
-    if not lines:
-        return
-    if not multus.ours:
-        for line in lines:
-            report.warn(f"Multus ({multus.where}) attaches no pod on {line}")
-        return
-    raise ClusterError(
-        f"{len(lines)} machine(s) cannot attach pods to a second network",
-        hint=f"kubectl -n {RELEASE.namespace} logs daemonset/rigel-multus -c multus",
-        details=lines,
-    )

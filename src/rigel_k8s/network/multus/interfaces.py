@@ -6,15 +6,23 @@ readiness do not show that. An annotation shows what Multus has done.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import attrs
 
+from rigel_k8s.network.multus.platform import parse_json
 from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION, NETWORKS_ANNOTATION
 
 Pod = Mapping[str, Any]
+
+
+@attrs.frozen
+class Request:
+    """A network that a pod requests, NAMESPACE/NAME, and its addresses if it requests them."""
+
+    key: str
+    addresses: tuple[str, ...] = ()
 
 
 @attrs.frozen
@@ -31,55 +39,49 @@ class Missing:
         return f"pod {self.namespace}/{self.pod} on {self.node} runs without its network {names}"
 
 
+def list_requests(annotations: Mapping[str, str], namespace: str) -> list[Request]:
+    """Return what a pod of a namespace requests, one for each interface."""
+    text = (annotations.get(NETWORKS_ANNOTATION) or "").strip()
+    if text.startswith("["):
+        requests = []
+        for entry in list_entries(text):
+            key = f"{entry.get('namespace') or namespace}/{entry.get('name', '')}"
+            requests.append(Request(key, tuple(map(str, entry.get("ips") or []))))
+        return requests
+    names = [part.strip().partition("@")[0] for part in text.split(",")]
+    return [Request(name if "/" in name else f"{namespace}/{name}") for name in names if name]
+
+
+def requests_of(pod: Pod) -> list[Request]:
+    """Return what a live pod requests."""
+    meta = pod["metadata"]
+    return list_requests(meta.get("annotations") or {}, meta.get("namespace", "default"))
+
+
 def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
     """Return the running pods without a network that they request; a restart gives it to them."""
-    return [missing for pod in pods if (missing := _find_missing(pod))]
-
-
-def list_asked(pod: Pod) -> list[str]:
-    """Return the networks that a pod requests, NAMESPACE/NAME, one for each interface."""
-    text = _annotations(pod).get(NETWORKS_ANNOTATION, "").strip()
-    own = pod["metadata"].get("namespace", "default")
-    if text.startswith("["):
-        entries = [entry for entry in _list(text) if isinstance(entry, dict)]
-        return [f"{entry.get('namespace') or own}/{entry.get('name', '')}" for entry in entries]
-    names = [part.strip().partition("@")[0] for part in text.split(",")]
-    return [name if "/" in name else f"{own}/{name}" for name in names if name]
-
-
-def list_attached(pod: Pod) -> list[str]:
-    """Return the networks that a pod got beside its cluster's own, NAMESPACE/NAME."""
-    status = _list(_annotations(pod).get(NETWORK_STATUS_ANNOTATION, ""))
-    entries = [entry for entry in status if isinstance(entry, dict)]
-    return [str(entry.get("name", "")) for entry in entries if not entry.get("default")]
-
-
-def _find_missing(pod: Pod) -> Missing | None:
-    meta, spec = pod["metadata"], pod.get("spec", {})
-    running = pod.get("status", {}).get("phase") == "Running"
-    if not running or meta.get("deletionTimestamp"):
-        return None
-    left = list_attached(pod)
-    missing = []
-    for name in list_asked(pod):
-        if name in left:
-            left.remove(name)
-        else:
-            missing.append(name)
-    if not missing:
-        return None
-    namespace = meta.get("namespace", "default")
-    return Missing(namespace, meta["name"], spec.get("nodeName", ""), tuple(missing))
-
-
-def _annotations(pod: Pod) -> Mapping[str, str]:
-    found: Mapping[str, str] = pod["metadata"].get("annotations") or {}
+    found = []
+    for pod in pods:
+        meta = pod["metadata"]
+        running = pod.get("status", {}).get("phase") == "Running"
+        if not running or meta.get("deletionTimestamp"):
+            continue
+        status = (meta.get("annotations") or {}).get(NETWORK_STATUS_ANNOTATION)
+        left = [str(e.get("name", "")) for e in list_entries(status) if not e.get("default")]
+        missing = []
+        for request in requests_of(pod):
+            if request.key in left:
+                left.remove(request.key)
+            else:
+                missing.append(request.key)
+        if missing:
+            node = pod.get("spec", {}).get("nodeName", "")
+            namespace = meta.get("namespace", "default")
+            found.append(Missing(namespace, meta["name"], node, tuple(missing)))
     return found
 
 
-def _list(text: str) -> list[Any]:
-    try:
-        found = json.loads(text or "[]")
-    except ValueError:
-        return []
-    return found if isinstance(found, list) else []
+def list_entries(text: str | None) -> list[Mapping[str, Any]]:
+    """Return the mappings in a list as JSON, none if it is invalid."""
+    listed = parse_json(text)
+    return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []

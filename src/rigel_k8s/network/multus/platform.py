@@ -1,12 +1,18 @@
-"""Where a kind of cluster keeps its CNI configuration and programs."""
+"""Where machines keep CNI configuration and programs, which their nodes show; pure."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
-from typing import Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import attrs
 
+from rigel_k8s.network.options import Install
+
+Node = Mapping[str, Any]
 Kind = Literal["k3s", "microk8s", "kind", "minikube", "plain"]
 
 K3S_DATA_DIR = "/var/lib/rancher/k3s"
@@ -23,14 +29,68 @@ class Platform:
     Attributes:
         roots: directories that contain both, and all that links in them point to; pods mount them
             whole and at the same path, so links resolve even when their target changes.
-        lacks_programs: whether its own set of CNI programs has no macvlan.
     """
 
     kind: Kind
     conf_dir: str
     bin_dir: str
     roots: tuple[str, ...]
-    lacks_programs: bool = False
+
+    @property
+    def lacks_programs(self) -> bool:
+        """Whether its own set of CNI programs has no macvlan."""
+        return self.kind in ("k3s", "kind")
+
+
+@attrs.frozen
+class Group:
+    """The machines that keep CNI's files in the same places."""
+
+    platform: Platform
+    nodes: tuple[str, ...] = ()
+
+    @property
+    def suffix(self) -> str:
+        """The suffix of its objects' names beside those of another group, whatever its machines."""
+        where = f"{self.platform.conf_dir} {self.platform.bin_dir}"
+        return f"-{self.platform.kind}-{hashlib.sha256(where.encode()).hexdigest()[:6]}"
+
+
+def group_by_platform(nodes: Iterable[Node], install: Install) -> tuple[Group, ...]:
+    """Return the cluster's Linux machines by platform, the largest group first.
+
+    A cluster may have several: a k3s server on a laptop and a robot with another --data-dir.
+    What `install` sets applies to all of them.
+    """
+    names: dict[Platform, list[str]] = {}
+    for node in nodes:
+        if labels_of(node).get("kubernetes.io/os", "linux") == "linux":
+            names.setdefault(platform_of(node, install), []).append(node["metadata"]["name"])
+    groups = [Group(where, tuple(sorted(some))) for where, some in names.items()]
+    return tuple(sorted(groups, key=lambda group: (-len(group.nodes), group.nodes)))
+
+
+def platform_of(node: Node, install: Install) -> Platform:
+    """Return where a machine keeps CNI's files."""
+    return platform(
+        install.platform or kind_of(node),
+        version=version_of(node),
+        data_dir=install.data_dir or find_data_dir(node),
+        conf_dir=install.cni_conf_dir,
+        bin_dir=install.cni_bin_dir,
+    )
+
+
+def kind_of(node: Node) -> Kind:
+    """Return the kind of cluster that a machine belongs to."""
+    labels = labels_of(node)
+    if "+k3s" in version_of(node):
+        return "k3s"
+    if "microk8s.io/cluster" in labels:
+        return "microk8s"
+    if node.get("spec", {}).get("providerID", "").startswith("kind://"):
+        return "kind"
+    return "minikube" if "minikube.k8s.io/name" in labels else "plain"
 
 
 def platform(
@@ -44,56 +104,78 @@ def platform(
     """Return a kind's directories.
 
     Args:
-        version: the kubelet's, such as v1.31.2+k3s1; "" is a new one.
+        version: the kubelet's, such as v1.31.2+k3s1; without +k3s it is a new one.
         data_dir: k3s' --data-dir; None: its default.
         conf_dir: if it is not the kind's own.
         bin_dir: if it is not the kind's own.
     """
-    own_conf, own_bin, roots = OWN[kind](version, (data_dir or K3S_DATA_DIR).rstrip("/"))
-    conf_dir, bin_dir = conf_dir or own_conf, bin_dir or own_bin
-    return Platform(
-        kind, conf_dir, bin_dir, _choose_mounts(roots, (conf_dir, bin_dir)), kind in ("k3s", "kind")
-    )
+    conf, programs, root = "/etc/cni/net.d", "/opt/cni/bin", ""
+    if kind == "k3s":
+        where = (data_dir or K3S_DATA_DIR).rstrip("/")
+        conf = f"{where}/agent/etc/cni/net.d"
+        # The programs are links into data/HASH; after an upgrade, k3s uses another HASH.
+        programs = f"{where}/data/cni" if is_fixed(version) else f"{where}/data/current/bin"
+        root = f"{where}/data"
+    elif kind == "microk8s":
+        conf, programs = f"{SNAP}/current/args/cni-network", f"{SNAP}/current/opt/cni/bin"
+        root = SNAP
+    conf, programs = conf_dir or conf, bin_dir or programs
+    outside = [one for one in (conf, programs) if not root or not is_within(one, root)]
+    roots = [root, *outside] if len(outside) < 2 else outside
+    return Platform(kind, conf, programs, tuple(dict.fromkeys(roots)))
 
 
-def _k3s(version: str, data_dir: str) -> tuple[str, str, tuple[str, ...]]:
-    programs = "data/cni" if _is_fixed(version) else "data/current/bin"
-    # The programs are links into data/HASH; after an upgrade, k3s uses another HASH.
-    return (
-        f"{data_dir}/agent/etc/cni/net.d",
-        f"{data_dir}/{programs}",
-        (f"{data_dir}/data",),
-    )
-
-
-def _microk8s(_version: str, _data_dir: str) -> tuple[str, str, tuple[str, ...]]:
-    return f"{SNAP}/current/args/cni-network", f"{SNAP}/current/opt/cni/bin", (SNAP,)
-
-
-def _plain(_version: str, _data_dir: str) -> tuple[str, str, tuple[str, ...]]:
-    return "/etc/cni/net.d", "/opt/cni/bin", ()
-
-
-OWN = {"k3s": _k3s, "microk8s": _microk8s, "kind": _plain, "minikube": _plain, "plain": _plain}
-
-
-def _is_fixed(version: str) -> bool:
-    """Return whether this k3s has `data/cni`."""
-    found = re.match(r"v?(\d+)\.(\d+)\.(\d+)", version)
-    if not found:
+def is_fixed(version: str) -> bool:
+    """Return whether the CNI programs of this k3s are in `data/cni`."""
+    numbers = re.match(r"v?(\d+)\.(\d+)\.(\d+)\+k3s", version)
+    if not numbers:
         return True
-    major, minor, patch = map(int, found.groups())
+    major, minor, patch = map(int, numbers.groups())
     if (major, minor) in K3S_FIXED:
         return patch >= K3S_FIXED[major, minor]
     return (major, minor) > max(K3S_FIXED)
 
 
-def _choose_mounts(roots: tuple[str, ...], directories: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the roots that are needed, and the directories that lie in none of them."""
-    used = [root for root in roots if any(_is_within(d, root) for d in directories)]
-    rest = [d for d in directories if not any(_is_within(d, root) for root in used)]
-    return tuple(dict.fromkeys([*used, *rest]))
+def is_within(directory: str, root: str) -> bool:
+    """Return whether a directory is another one or lies in it."""
+    return f"{directory}/".startswith(f"{root}/")
 
 
-def _is_within(directory: str, root: str) -> bool:
-    return directory == root or directory.startswith(f"{root}/")
+def find_data_dir(node: Node) -> str | None:
+    """Return the --data-dir that k3s was started with; k3s writes it into an annotation."""
+    annotations = node["metadata"].get("annotations") or {}
+    words = parse_json(annotations.get("k3s.io/node-args"))
+    if isinstance(words, list) and (given := read_data_dir([str(word) for word in words])):
+        return given
+    environment = parse_json(annotations.get("k3s.io/node-env"))
+    given = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
+    # k3s also uses this variable to pass its processes the directory of its unpacked programs.
+    return re.sub(r"/data/[0-9a-f]{32,}/?$", "", given) or None
+
+
+def read_data_dir(words: Sequence[str]) -> str | None:
+    """Return the value of --data-dir in a command line."""
+    for place, word in enumerate(words):
+        name, _, value = word.partition("=")
+        if name in ("--data-dir", "-d"):
+            return value or (words[place + 1] if place + 1 < len(words) else None)
+    return None
+
+
+def parse_json(text: str | None) -> Any:
+    """Return JSON as data, None if it is invalid."""
+    try:
+        return json.loads(text or "null")
+    except ValueError:
+        return None
+
+
+def labels_of(node: Node) -> Mapping[str, str]:
+    """Return a node's labels."""
+    labels: Mapping[str, str] = node["metadata"].get("labels") or {}
+    return labels
+
+
+def version_of(node: Node) -> str:
+    """Return the version of a node's kubelet."""
+    return str(node.get("status", {}).get("nodeInfo", {}).get("kubeletVersion", ""))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
 
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.network.multus.install import marks_of
-from rigel_k8s.network.multus.installation import Found, MultusPresence, complete_options, find
+from rigel_k8s.network.multus.install import find
+from rigel_k8s.network.multus.installation import PARTS, Presence
 from rigel_k8s.network.multus.interfaces import Missing, find_without_interface
 from rigel_k8s.network.multus.proving import find_proven
 from rigel_k8s.network.options import Install
@@ -73,54 +73,46 @@ class NetworkStatus:
 
 def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
     """Look at all machines and pods of a cluster."""
-    found = find(cluster, complete_options(cluster, options))
+    installation = find(cluster, options)
     pods = cluster.list("v1", "Pod")
-    marks = marks_of(found)
-    good = find_proven(cluster, marks)
-    ready = {
-        name: _nodes_of(part, pods)
-        for name, part in (("multus", found.multus), ("whereabouts", found.whereabouts))
-    }
+    proven = find_proven(cluster, installation)
+    multus, whereabouts = (installation.there.get(part) for part in PARTS)
+    with_multus, with_whereabouts = find_ready(multus, pods), find_ready(whereabouts, pods)
+    platforms = {name: group.platform for group in installation.groups for name in group.nodes}
+    nodes = []
+    for node in installation.linux:
+        name = node["metadata"]["name"]
+        nodes.append(
+            NodeStatus(
+                name,
+                platforms[name].kind,
+                platforms[name].conf_dir,
+                platforms[name].bin_dir,
+                up=is_ready(node),
+                multus=name in with_multus,
+                whereabouts=name in with_whereabouts,
+                proven=name in proven,
+            )
+        )
     return NetworkStatus(
-        _describe_part(found.multus),
-        _describe_part(found.whereabouts),
-        tuple(_nodes(found, ready, good)),
+        describe_part(multus),
+        describe_part(whereabouts),
+        tuple(nodes),
         tuple(find_without_interface(pods)),
     )
 
 
-def _describe_part(part: MultusPresence | None) -> PartStatus | None:
+def describe_part(part: Presence | None) -> PartStatus | None:
+    """Return the state of a part as the command prints it."""
     return PartStatus(part.where, part.image, part.ours) if part else None
 
 
-def _nodes_of(part: MultusPresence | None, pods: list[dict[str, Any]]) -> set[str]:
+def find_ready(part: Presence | None, pods: Sequence[Mapping[str, Any]]) -> set[str]:
     """Return the machines on which a part's pod is ready."""
-    return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if stays_ready(pod)}
-
-
-def _pods_of(part: MultusPresence | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return a part's pods."""
-    owners = {one["metadata"]["uid"] for one in part.sets} if part else set()
-    return [
-        pod
+    sets = {one["metadata"]["uid"] for one in part.sets} if part else set()
+    return {
+        pod["spec"].get("nodeName", "")
         for pod in pods
-        if any(o["uid"] in owners for o in pod["metadata"].get("ownerReferences") or [])
-    ]
-
-
-def _nodes(found: Found, ready: Mapping[str, set[str]], good: set[str]) -> list[NodeStatus]:
-    platforms = {name: group.platform for group in found.groups for name in group.nodes}
-    return [
-        NodeStatus(
-            name,
-            platforms[name].kind,
-            platforms[name].conf_dir,
-            platforms[name].bin_dir,
-            is_ready(node),
-            name in ready["multus"],
-            name in ready["whereabouts"],
-            name in good,
-        )
-        for node in found.nodes
-        if (name := node["metadata"]["name"]) in platforms
-    ]
+        if stays_ready(pod)
+        and any(owner["uid"] in sets for owner in pod["metadata"].get("ownerReferences") or [])
+    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from rigel_k8s.network.multus.machines import STANDARD
+from rigel_k8s.network.multus.manifests import STANDARD
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import INSTALL, PreflightKind, group_by_text, list_some

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.desired import Installation, network_release
-from rigel_k8s.network.multus.platform import Platform, platform
-from rigel_k8s.network.multus.recognition import Group
+from rigel_k8s.network.multus.installation import Installation, Presence
+from rigel_k8s.network.multus.manifests import network_release
+from rigel_k8s.network.multus.platform import Group, Platform, platform
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ref_of
 from tests.support.golden import Golden
@@ -40,7 +40,7 @@ CASES = {
     "minikube": on(platform("minikube")),
     "mixed": on(K3S, platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
     "own-images": on(platform("plain"), options=OWN_IMAGES),
-    "others-multus": on(platform("plain"), multus=False),
+    "others-multus": on(platform("plain"), there={"multus": Presence((), ours=False)}),
     "retired": on(platform("plain"), retired=True),
 }
 #: What does not depend on the kind of cluster stands in one file.
@@ -122,7 +122,7 @@ def test_definitions_outlive_the_release() -> None:
     assert len(definitions) == 4
     assert found.protected == {ref_of(item) for item in definitions}
     name = definitions[0]["metadata"]["name"]
-    theirs = network_release(on(platform("plain"), there=frozenset({name})), SCRIPT)
+    theirs = network_release(on(platform("plain"), foreign=frozenset({name})), SCRIPT)
     assert name not in [item["metadata"]["name"] for item in theirs.objects]
 
 

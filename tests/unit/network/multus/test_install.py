@@ -11,19 +11,31 @@ from rigel_k8s.cli.network import options_of
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.jobs.types.network import NetworkJob
 from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus import install as installing
 from rigel_k8s.network.multus.install import (
+    MultusPart,
+    MultusResult,
+    complete_options,
+    find,
+    find_release,
     install,
-    install_requested_by,
-    installation_of,
     requested_multus,
 )
-from rigel_k8s.network.multus.installation import find
+from rigel_k8s.network.multus.installation import Installation, Presence
+from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
+from rigel_k8s.release import revisions
+from rigel_k8s.release.lease import PROCESS, lease_ref, process
 from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
+from tests.support.controllers import Controllers
+from tests.support.fake_cluster import FakeCluster, Killed, Store
 from tests.support.recorder import Recorder
+
+LEASE = lease_ref(RELEASE)
 
 
 def node(name: str, *, up: bool = True) -> dict[str, Any]:
@@ -56,7 +68,7 @@ class Cluster:
         return self._nodes
 
     def list(self, api: str, kind: str, *_: Any, **__: Any) -> list[Any]:
-        return self.sets
+        return self.sets if kind == "DaemonSet" else []
 
     def get(self, ref: Any) -> Any:
         return self.definitions.get(ref.name)
@@ -117,9 +129,9 @@ def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:
 def test_others_multus_is_recognised(name: str, image: str) -> None:
     """By its name or its image, from whatever registry; it is left to whoever has installed it."""
     there = found(daemon_set(name, image, namespace="other"))
-    assert (there.multus.ours, there.multus.where) == (False, f"other/{name}")
-    made = installation_of(there, Install())
-    assert (made.multus, made.whereabouts) == (False, True)
+    multus = there.there["multus"]
+    assert (multus.ours, multus.where) == (False, f"other/{name}")
+    assert there.installs == ["whereabouts"]
 
 
 @pytest.mark.parametrize(
@@ -133,37 +145,39 @@ def test_others_multus_is_recognised(name: str, image: str) -> None:
 def test_what_is_no_multus(other: Any) -> None:
     """Neither its companions nor pods that only use its image are Multus."""
     there = found(other)
-    assert there.multus is None
-    assert installation_of(there, Install()).multus
+    assert "multus" not in there.there
+    assert "multus" in there.installs
 
 
 def test_ours_stays_ours() -> None:
     """A second Multus that appears never makes us take ours away."""
     ours = daemon_set("rigel-multus", "x/multus-cni:1", ours=True)
     there = found(daemon_set("kube-multus-ds", "x/multus-cni:1"), ours)
-    assert (there.multus.ours, there.multus.where) == (True, "kube-system/rigel-multus")
+    multus = there.there["multus"]
+    assert (multus.ours, multus.where) == (True, "kube-system/rigel-multus")
 
 
 def test_our_second_platform_is_ours() -> None:
     """The DaemonSet of a second platform counts with the first."""
     sets = [daemon_set(n, "i", ours=True) for n in ("rigel-multus", "rigel-multus-k3s-0a1b2c")]
-    assert len(found(*sets).multus.sets) == 2
+    assert len(found(*sets).there["multus"].sets) == 2
 
 
 def test_definitions_of_others_are_known() -> None:
     """A definition that somebody else has made is left as it is."""
     name = "network-attachment-definitions.k8s.cni.cncf.io"
-    assert found(**{name: {"metadata": {"name": name}}}).definitions == {name}
+    assert found(**{name: {"metadata": {"name": name}}}).foreign == {name}
     labels = {"rigel-k8s/release": "rigel-network"}
     notes = {"rigel-k8s/namespace": "kube-system"}
     ours = {"metadata": {"name": name, "labels": labels, "annotations": notes}}
-    assert found(**{name: ours}).definitions == frozenset()
+    assert found(**{name: ours}).foreign == frozenset()
 
 
 def test_nodes_that_are_away_are_told_apart() -> None:
     """A robot that is off is neither asked nor waited for."""
     there = found(nodes=[node("a"), node("b", up=False), node("c")])
-    assert (there.up, there.away) == (("a", "c"), ("b",))
+    up = [one["metadata"]["name"] for one in there.up]
+    assert (up, there.away) == (["a", "c"], ("b",))
 
 
 def test_a_cluster_without_linux() -> None:
@@ -175,7 +189,7 @@ def test_a_cluster_without_linux() -> None:
 
 
 @pytest.mark.parametrize(
-    ("network", "install"),
+    ("network", "options"),
     [
         (None, None),
         (network_of("macvlan"), None),
@@ -186,9 +200,10 @@ def test_a_cluster_without_linux() -> None:
         (Network(mode="host", install=True), None),
     ],
 )
-def test_what_a_job_wants_installed(network: Any, install: Install | None) -> None:
+def test_what_a_job_wants_installed(network: Any, options: Install | None) -> None:
     """Only a network that Multus attaches, and that says `install`."""
-    assert install_requested_by(network) == install
+    parts: list[Any] = requested_multus(network, None, Recorder())
+    assert [part.installation.options for part in parts] == ([] if options is None else [options])
 
 
 def test_a_data_directory_is_k3s() -> None:
@@ -240,19 +255,53 @@ def test_definitions_hold_data() -> None:
 def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second Rigelfile's `install: true` takes nothing back; what is said wins; a first
     installation has nothing to keep."""
-    from rigel_k8s.network.multus import installation as network_found
-
     before = {"multus_image": "registry.lab/multus:1", "data_dir": "/data"}
 
     class Last:
         options = before
 
-    monkeypatch.setattr(network_found, "find_last_good", lambda *_: Last)
+    monkeypatch.setattr(installing, "find_last_good", lambda *_: Last)
     cluster: Any = None
-    assert network_found.complete_options(cluster, Install()) == Install(**before)
+    assert complete_options(cluster, Install()) == Install(**before)
     said = Install(data_dir="/var/lib/rancher/k3s")
-    assert network_found.complete_options(cluster, said) == Install(
+    assert complete_options(cluster, said) == Install(
         multus_image="registry.lab/multus:1", data_dir="/var/lib/rancher/k3s"
     )
-    monkeypatch.setattr(network_found, "find_last_good", lambda *_: None)
-    assert network_found.complete_options(cluster, Install()) == Install()
+    monkeypatch.setattr(installing, "find_last_good", lambda *_: None)
+    assert complete_options(cluster, Install()) == Install()
+
+
+def roll_out(fake: FakeCluster) -> None:
+    """Install on a cluster whose machines are all still to come."""
+    theirs = Presence((daemon_set("whereabouts", "whereabouts"),), ours=False)
+    asked = Installation([Group(platform("plain"))], there={"whereabouts": theirs})
+    part = MultusPart(desired=find_release(None, asked), installation=asked)
+    options = DeployOptions(report=Recorder(), timeout=5)
+    part.write(fake, part.look(fake, adopt=False), options)
+
+
+def test_a_killed_installation_is_completed_by_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed after any of its writes and run again: no Lease stays, the last revision is good."""
+    nothing = MultusResult((), (), "", ours=True)  # no machine is there to prove anything
+    monkeypatch.setattr(installing, "prove_nodes", lambda *_: nothing)
+    kills = 0
+    for limit in range(1, 60):
+        fake = FakeCluster(Store(controllers=Controllers()))
+        meta = {"name": RELEASE.namespace}
+        fake.create({"apiVersion": "v1", "kind": "Namespace", "metadata": meta})
+        fake.store.die_after = limit
+        try:
+            roll_out(fake)
+        except Killed:
+            kills += 1
+            fake.revive()
+            if LEASE in fake.objects:
+                boot, space, pid, _ = process().split()
+                dead = {PROCESS: f"{boot} {space} {pid} 0"}
+                fake.objects[LEASE]["metadata"]["annotations"] = dead
+            roll_out(fake)
+            assert LEASE not in fake.objects
+            assert revisions.records(fake, RELEASE)[-1].status == "good"
+        else:
+            break
+    assert kills > 10

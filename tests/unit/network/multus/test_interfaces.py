@@ -7,7 +7,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.interfaces import find_without_interface, list_asked
+from rigel_k8s.network.multus.interfaces import (
+    Request,
+    find_without_interface,
+    list_requests,
+    requests_of,
+)
 
 ETH0 = {"name": "cbr0", "interface": "eth0", "default": True}
 
@@ -40,7 +45,14 @@ def pod(networks: Any = None, status: Any = None, phase: str = "Running", **meta
 )
 def test_asked(text: Any, names: list[str]) -> None:
     """Both forms of the annotation are read, names without a namespace are the pod's own."""
-    assert list_asked(pod(text)) == names
+    assert [request.key for request in requests_of(pod(text))] == names
+
+
+def test_addresses() -> None:
+    """Static addresses are read as they are written."""
+    text = '[{"name": "x", "namespace": "lab", "ips": ["10.1.0.5/24"]}]'
+    requests = list_requests({"k8s.v1.cni.cncf.io/networks": text}, "robot")
+    assert requests == [Request("lab/x", ("10.1.0.5/24",))]
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.platform import platform
-from rigel_k8s.network.multus.recognition import groups
+from rigel_k8s.network.multus.platform import group_by_platform, platform
 from rigel_k8s.network.options import Install
 
 K3S_BIN = "/var/lib/rancher/k3s/data/cni"
@@ -59,7 +58,7 @@ def k3s(*words: str, version: str = "v1.34.4+k3s1", **more: Any) -> dict[str, An
 )
 def test_kinds(one: dict[str, Any], kind: str, conf: str, programs: str) -> None:
     """Each kind of cluster is recognised, and where it keeps CNI's files."""
-    (found,) = groups([one], Install())
+    (found,) = group_by_platform([one], Install())
     where = found.platform
     assert (where.kind, where.conf_dir, where.bin_dir) == (kind, conf, programs)
 
@@ -76,7 +75,7 @@ def test_kinds(one: dict[str, Any], kind: str, conf: str, programs: str) -> None
 )
 def test_data_directories(one: dict[str, Any]) -> None:
     """Where k3s was given another data directory, as Eclipse Leda does, its node tells it."""
-    (found,) = groups([one], Install())
+    (found,) = group_by_platform([one], Install())
     assert found.platform.conf_dir == "/data/agent/etc/cni/net.d"
     assert found.platform.bin_dir == "/data/data/cni"
     assert found.platform.roots == ("/data/data", "/data/agent/etc/cni/net.d")
@@ -85,7 +84,7 @@ def test_data_directories(one: dict[str, Any]) -> None:
 def test_the_variable_of_a_release_is_no_data_directory() -> None:
     """k3s tells its processes by K3S_DATA_DIR where the release is unpacked; that is not it."""
     one = k3s("server", node_env={"K3S_DATA_DIR": f"/var/lib/rancher/k3s/data/{HASH}"})
-    (found,) = groups([one], Install())
+    (found,) = group_by_platform([one], Install())
     assert found.platform.bin_dir == K3S_BIN
 
 
@@ -107,7 +106,7 @@ def test_the_variable_of_a_release_is_no_data_directory() -> None:
 )
 def test_older_k3s_keeps_programs_with_the_release(version: str, *, fixed: bool) -> None:
     """The directory that stays came with the releases of October 2024."""
-    (found,) = groups([k3s("server", version=version)], Install())
+    (found,) = group_by_platform([k3s("server", version=version)], Install())
     end = "data/cni" if fixed else "data/current/bin"
     assert found.platform.bin_dir == f"/var/lib/rancher/k3s/{end}"
     assert found.platform.roots[0] == "/var/lib/rancher/k3s/data"
@@ -116,7 +115,7 @@ def test_older_k3s_keeps_programs_with_the_release(version: str, *, fixed: bool)
 def test_what_is_said_is_believed() -> None:
     """Options win over what was recognised."""
     said = Install(platform="k3s", data_dir="/data", cni_bin_dir="/opt/own")
-    (found,) = groups([node()], said)
+    (found,) = group_by_platform([node()], said)
     assert found.platform == platform("k3s", data_dir="/data", bin_dir="/opt/own")
     assert found.platform.roots == ("/data/agent/etc/cni/net.d", "/opt/own") or (
         found.platform.roots == ("/opt/own", "/data/agent/etc/cni/net.d")
@@ -133,11 +132,11 @@ def test_a_cluster_of_several_kinds() -> None:
         for n in (2, 1)
     ]
     nodes.append({**k3s("server"), "metadata": {**k3s("server")["metadata"], "name": "laptop"}})
-    first, second = groups(nodes, Install())
+    first, second = group_by_platform(nodes, Install())
     assert (first.nodes, first.platform.bin_dir) == (("robot1", "robot2"), "/data/data/cni")
     assert (second.nodes, second.platform.bin_dir) == (("laptop",), K3S_BIN)
 
 
 def test_only_linux_counts() -> None:
     """A node of another system gets no Multus."""
-    assert groups([node(labels={"kubernetes.io/os": "windows"})], Install()) == ()
+    assert group_by_platform([node(labels={"kubernetes.io/os": "windows"})], Install()) == ()

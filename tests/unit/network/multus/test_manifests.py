@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 
 from rigel_k8s.network import multus
-from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
+from rigel_k8s.network.multus.manifests import DEFINITIONS, read_definitions
 
 IMAGES = {
     "k8s.cni.cncf.io": multus.MULTUS_IMAGE,
@@ -15,9 +15,7 @@ IMAGES = {
 
 def test_every_file_is_used_and_says_where_it_is_from() -> None:
     """Each begins with its source, the version that the image has, and the licence."""
-    used = {
-        item["metadata"]["name"] for item in (attachment_definition(), *whereabouts_definitions())
-    }
+    used = {item["metadata"]["name"] for item in read_definitions(DEFINITIONS)}
     found = list(files(multus).joinpath("crds").iterdir())
     for file in found:
         group, plural = file.name.removesuffix(".yaml").split("_")

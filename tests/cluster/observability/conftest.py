@@ -107,12 +107,17 @@ class Stack:
     def restart(self, part: str) -> None:
         """Delete a part's pods, and return when new ones are ready."""
         old = {pod["metadata"]["uid"] for pod in self.pods(part)}
+        self.end(part)
+        until(lambda: self.has_anew(part, old), f"{part} is back")
+
+    def end(self, part: str) -> None:
+        """Delete a part's pods."""
         for pod in self.pods(part):
             name = pod["metadata"]["name"]
             self.cluster.delete(ObjectRef("v1", "Pod", self.namespace, name))
-        until(lambda: self._anew(part, old), f"{part} is back")
 
-    def _anew(self, part: str, old: set[str]) -> bool:
+    def has_anew(self, part: str, old: set[str]) -> bool:
+        """Whether as many pods as the old ones, named by their UIDs, are ready."""
         new = [pod for pod in self.pods(part) if pod["metadata"]["uid"] not in old]
         return len(new) >= len(old) and all(is_ready(pod) for pod in new)
 

@@ -13,13 +13,15 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
+from tests.support import until as waiting
 from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
-from .conftest import Stack, until
+from .conftest import PATIENCE, Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -100,7 +102,20 @@ class Talker:
             numbers = self.numbers()
             return bool(numbers) and numbers == list(range(max(number, numbers[-1]) + 1))
 
-        until(is_whole, f"each number up to one beyond {number}, once")
+        def describe() -> str:
+            numbers = self.numbers()
+            missing = sorted(set(range(max([number, *numbers]) + 1)) - set(numbers))
+            double = sorted({one for one in numbers if numbers.count(one) > 1})
+            return f"missing {missing[:50]}, double {double[:50]}, last {numbers[-1:]}"
+
+        waiting.until(
+            is_whole,
+            f"each number up to one beyond {number}, once",
+            PATIENCE,
+            every=0.5,
+            despite=(ClusterError,),
+            last_words=describe,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -288,10 +303,19 @@ def test_loki_keeps_its_lines_over_a_restart(talker: Talker) -> None:
     talker.check_whole_beyond(last + 100)
 
 
+def test_a_collector_that_ends_while_loki_is_away_loses_nothing(talker: Talker) -> None:
+    """What it had read, and could not deliver, is delivered by the next one."""
+    last, stack = talker.beyond(50), talker.stack
+    old = {pod["metadata"]["uid"] for pod in stack.pods("loki")}
+    stack.end("loki")
+    time.sleep(2)  # lines that are read meanwhile wait
+    stack.restart("otel-collector")
+    until(lambda: stack.has_anew("loki", old) and answers(talker), "Loki answers")
+    talker.check_whole_beyond(last + 200)
+
+
 def answers(talker: Talker) -> bool:
     """Whether Loki answers again."""
-    from rigel_k8s.errors import ClusterError
-
     try:
         return bool(talker.streams())
     except ClusterError:

@@ -126,10 +126,12 @@ def test_only_lines_of_one_stream_continue_each_other() -> None:
 
 
 def test_no_line_is_dropped_while_loki_does_not_answer() -> None:
-    """No queue, which a killed collector would lose, and no end of trying again."""
+    """The queue is on the disk, a full one lets reading wait, and trying again has no end."""
     made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
     exporter, files = made["exporters"]["otlp_http"], made["receivers"]["file_log"]
-    assert exporter["sending_queue"] == {"enabled": False}
+    queue = exporter["sending_queue"]
+    assert queue["storage"] in made["service"]["extensions"]
+    assert queue["block_on_overflow"]
     assert exporter["retry_on_failure"]["max_elapsed_time"] == "0s"
     assert files["retry_on_failure"] == {"enabled": True, "max_elapsed_time": "0s"}
     assert files["storage"] in made["service"]["extensions"]

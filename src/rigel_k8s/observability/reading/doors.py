@@ -55,7 +55,7 @@ class Door:
         self._context = ExitStack()
         self._errors: list[str] = []
         self._away = False
-        self._pod = ""
+        self._pod: Mapping[str, Any] = {}
         self.name: str = service["metadata"]["name"]
         self.port = 0
 
@@ -99,7 +99,7 @@ class Door:
             self._away = True
         else:
             self._away = False
-            yield f"{self.name} is reachable again at {self.url}, in {self._pod}"
+            yield f"{self.name} is reachable again at {self.url}, in {self._pod['name']}"
 
     def _listen(self, port: int) -> None:
         pod = self._ready_pod()
@@ -108,11 +108,11 @@ class Door:
         forward = self._context.enter_context(
             self._cluster.port_forward(meta["namespace"], meta["name"], {remote: port})
         )
-        self._pod, self._errors = meta["name"], forward.errors
+        self._pod, self._errors = meta, forward.errors
         self.port = forward.ports[remote]
 
     def _is_there(self) -> bool:
-        return any(pod["metadata"]["name"] == self._pod for pod in self._ready_pods())
+        return any(pod["metadata"]["uid"] == self._pod["uid"] for pod in self._ready_pods())
 
     def _ready_pod(self) -> dict[str, Any]:
         for pod in self._ready_pods():

@@ -176,6 +176,8 @@ def test_a_pod_that_is_replaced_is_found_again(
     pod = ObjectRef("v1", "Pod", grafana, "grafana")
     cluster.delete(pod, grace_seconds=0)
     until(lambda: cluster.get(pod) is None, "the pod's end")
+    assert answer(found[1]) != "here\n"
+    until(lambda: running.found("grafana is unreachable: none of its pods is ready"), "the end")
     create(cluster, grafana, grafana_pod(registry))
     until(lambda: answer(found[1]) == "here\n", "the page at the same address")
     again = r"grafana is reachable again at http://\S+, in grafana"

@@ -13,10 +13,10 @@ from rigel_k8s.commands.targets import Jobs, Release, read_jobs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import make_failure
 from rigel_k8s.jobs.job import JobReporter
+from rigel_k8s.jobs.matrix import Outcome, count_failures, list_outcomes
 from rigel_k8s.jobs.runner import list_steps
 from rigel_k8s.jobs.steps import Step, list_uses
 from rigel_k8s.jobs.values import Values
-from rigel_k8s.jobs.waves import Outcome, count_failures, list_outcomes
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.release.types import Plan, ReleaseId
 from rigel_k8s.settings import Settings

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,6 @@ from rigel_k8s import rigelfile as grammar
 from rigel_k8s.errors import UserError
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import CheckResult
@@ -73,12 +73,9 @@ def check(settings: Settings) -> CheckResult:
     require(settings.rigelfile)
     directory = settings.rigelfile.absolute().parent
 
-    def resolve(kind: str, name: str) -> JobType[Any] | ProviderType[Any]:
-        if kind == "job":
-            return registry.job_type(name, directory)
-        return registry.provider_type(name, directory)
-
-    result = grammar.check_file(settings.rigelfile, os.environ, resolve)
+    result = grammar.check_file(
+        settings.rigelfile, os.environ, partial(registry.resolve, directory)
+    )
     if result.rigelfile is None or result.errors:
         return result
     found = dict.fromkeys([*result.findings, *check_names(result.rigelfile, directory)])

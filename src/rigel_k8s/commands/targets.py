@@ -230,7 +230,7 @@ def job_of(
     rigelfile = load(settings)
     job = Jobs(rigelfile, settings).choose(name)
     values = Values(rigelfile)
-    _, findings = values.preview(job, data or {})
+    findings = values.preview(job, data or {}).findings
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
     try:

@@ -16,8 +16,8 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.option_text import has_template
-from rigel_k8s.rigelfile import Rigelfile, YamlNode, preview
-from rigel_k8s.rigelfile.model import ComponentSpec
+from rigel_k8s.rigelfile import Rigelfile, preview
+from rigel_k8s.rigelfile.model import JobUse
 
 
 @attrs.frozen
@@ -27,14 +27,6 @@ class CommandLine:
     job: str | None = None
     sequence: str | None = None
     file: Path = Path("Rigelfile")
-
-
-@attrs.frozen
-class PlacedJob:
-    """A job of the Rigelfile with the overrides of the place where it is used."""
-
-    spec: ComponentSpec
-    overrides: YamlNode | None = None
 
 
 def command_line(argv: Sequence[str] | None = None) -> CommandLine:
@@ -64,44 +56,40 @@ def find_use(
     given: Mapping[str, Any],
     data: Mapping[str, Any],
     line: CommandLine,
-) -> PlacedJob:
+) -> JobUse:
     """Return the job that a plugin with this data is.
 
     Raises:
         UserError: no job of that plugin has such data.
     """
-    uses = [use for use in _candidates(rigelfile, line) if use.spec.plugin.strip() in builtin.names]
-    alike = [
-        use for use in uses if _is_same_value(given, _render_options(rigelfile, use, options, data))
+    uses = [
+        use
+        for use in _candidates(rigelfile, line)
+        if rigelfile.jobs[use.name].plugin.strip() in builtin.names
     ]
-    for found in (alike, uses if len(uses) == 1 else []):
-        if found:
-            return found[0]
-    known = ", ".join(dict.fromkeys(use.spec.name for use in uses)) or "none"
+    for use in uses:
+        spec = rigelfile.jobs[use.name]
+        raw = preview(rigelfile, spec, use.overrides, dict(data), options).raw
+        if _is_same_value(given, raw):
+            return use
+    if len(uses) == 1:
+        return uses[0]
+    known = ", ".join(dict.fromkeys(use.name for use in uses)) or "none"
     raise UserError(
         f"cannot find out which job of {line.file} this is; its jobs of that plugin: {known}",
         hint="run it with `rigel-k8s run`",
     )
 
 
-def _render_options(
-    rigelfile: Rigelfile, use: PlacedJob, options: type[Any], data: Mapping[str, Any]
-) -> Mapping[str, Any]:
-    raw: Mapping[str, Any] = preview(rigelfile, use.spec, use.overrides, dict(data), options).raw
-    return raw
-
-
-def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[PlacedJob]:
+def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[JobUse]:
     if line.job and line.job in rigelfile.jobs:
-        yield PlacedJob(rigelfile.jobs[line.job])
+        yield JobUse(line.job)
     elif line.sequence and line.sequence in rigelfile.sequences:
-        for used in rigelfile.sequences[line.sequence].list_uses():
-            yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
+        yield from rigelfile.sequences[line.sequence].list_uses()
     else:
-        yield from (PlacedJob(spec) for spec in rigelfile.jobs.values())
+        yield from map(JobUse, rigelfile.jobs)
         for sequence in rigelfile.sequences.values():
-            for used in sequence.list_uses():
-                yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
+            yield from sequence.list_uses()
 
 
 def _is_same_value(given: Any, ours: Any) -> bool:

@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 from rigel_k8s.compat.found import command_line, find_use
 from rigel_k8s.compat.words import LogReport, rigel_error
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.jobs.registry import job_type
 from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
-from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 
@@ -89,7 +89,7 @@ class JobPlugin:
         options = job_type(self.builtin.short).options
         given: dict[str, Any] = self.raw_data  # type: ignore[attr-defined]
         use = find_use(rigelfile, self.builtin, options, given, self._data, line)
-        return prepare_use(rigelfile, use.spec, use.overrides, Settings(rigelfile=line.file))
+        return prepare_use(rigelfile, use, Settings(rigelfile=line.file))
 
     def _work(self, prepared: Prepared) -> None:
         try:

@@ -15,30 +15,30 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError
+from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import (
     Boundary,
     Branch,
+    CancelScope,
     Stopped,
     describe,
     make_failure,
     summarise_error,
 )
-from rigel_k8s.jobs.holds import Holds
 from rigel_k8s.jobs.job import JobContext, JobOptions, JobReporter
-from rigel_k8s.jobs.matrix import combinations, label
-from rigel_k8s.jobs.scope import CancelScope
-from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
-from rigel_k8s.jobs.waves import (
+from rigel_k8s.jobs.matrix import (
     Limits,
     Outcome,
     State,
+    combinations,
     count_failures,
     failure,
+    label,
     list_outcomes,
     split_limits,
     summarise,
 )
+from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
 from rigel_k8s.settings import Application, Settings
 
 #: Seconds that a dependency may take to become ready, unless --timeout is set.
@@ -80,7 +80,7 @@ class Execution:
         self._run_context = run
         self._lock = threading.Lock()
         self._running: list[str] = []
-        self._holds = Holds()
+        self._held: dict[str, str] = {}  # by key: the job that uses it exclusively
 
     @property
     def failure(self) -> JobFailed | None:
@@ -265,14 +265,31 @@ class Execution:
             applied=run.applied,
             place=made.place,
         )
-        with self._holds.hold(self._find_key(job, made.options), where):
+        with self._hold(job, made.options, where):
             job.type.run(made.options, context)
 
-    def _find_key(self, job: Job, options: Any) -> str | None:
-        """Return what a job needs exclusively while it runs, None for nothing."""
+    @contextmanager
+    def _hold(self, job: Job, options: Any, where: str) -> Iterator[None]:
+        """Hold what a job uses exclusively (such as a release); UserError if another one does."""
         exclusive = getattr(job.type, "exclusive", None)
         run = self._run_context
-        return exclusive(options, run.application, run.settings) if exclusive else None
+        key = exclusive(options, run.application, run.settings) if exclusive else None
+        if key is None:
+            yield
+            return
+        with self._lock:
+            other = self._held.get(key)
+            self._held.setdefault(key, where)
+        if other is not None:
+            raise UserError(
+                f"{other} works on {key} at the same time",
+                hint="run them one after the other, or give them different names",
+            )
+        try:
+            yield
+        finally:
+            with self._lock:
+                del self._held[key]
 
     @contextmanager
     def _list_running(self, where: str) -> Iterator[None]:

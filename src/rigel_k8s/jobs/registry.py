@@ -23,35 +23,30 @@ from rigel_k8s.system.trust import require_trust
 
 
 def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
-    """Return the job type of that name.
+    """Return the job type of that name, as resolve does."""
+    found: JobType[Any] = resolve(directory, "job", name)
+    return found
+
+
+def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]:
+    """Return the provider of that name, as resolve does."""
+    found: ProviderType[Any] = resolve(directory, "provider", name)
+    return found
+
+
+def resolve(directory: Path | None, kind: Kind, name: str) -> Any:
+    """Return the job type or provider of that name.
 
     Args:
-        name: a short name, an entry point's name or an import path.
         directory: the Rigelfile's directory, whose modules can be imported if it is trusted.
+        kind: which of the two.
+        name: a short name, an entry point's name or an import path.
 
     Raises:
         Untrusted: the class lies in a directory that the user has not trusted.
         UserError: the name is unknown, or the class is not a job type.
     """
-    resolved: JobType[Any] = _resolve("job", name.strip(), directory)
-    return resolved
-
-
-def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]:
-    """Return the provider of that name, as job_type does."""
-    resolved: ProviderType[Any] = _resolve("provider", name.strip(), directory)
-    return resolved
-
-
-def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
-    """Return the short names that work here, each with the import paths that mean the same."""
-    names = {one.short: one.paths for one in BUILTIN[kind]}
-    for one in list_installed(kind):
-        names.setdefault(one.short, one.paths)
-    return names
-
-
-def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
+    name = name.strip()
     builtin = index_by_name(kind).get(name)
     if builtin:
         module, _, attribute = builtin.target.partition(":")
@@ -60,6 +55,14 @@ def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
     with places.left_out():
         found = find(GROUPS[kind], name)
     return _make_usable(kind, name, found or _class_at(kind, name, places))
+
+
+def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
+    """Return the short names that work here, each with the import paths that mean the same."""
+    names = {one.short: one.paths for one in BUILTIN[kind]}
+    for one in list_installed(kind):
+        names.setdefault(one.short, one.paths)
+    return names
 
 
 def _make_usable(kind: Kind, name: str, found: Any) -> Any:

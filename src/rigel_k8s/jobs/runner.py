@@ -6,46 +6,37 @@ Job types decide what a job does, live.py decides how a run proceeds.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.checking import JobPreview
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import JobContext, JobReporter, JobType
-from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.names import index_by_name
-from rigel_k8s.jobs.providers import Declared
-from rigel_k8s.jobs.registry import job_type, provider_type
-from rigel_k8s.jobs.scope import CancelScope
-from rigel_k8s.jobs.steps import (
-    Jobs,
-    job_names,
-    list_job_steps,
-    list_jobs,
-    list_sequence_steps,
-)
-from rigel_k8s.jobs.values import Values
+from rigel_k8s.jobs.live import Declared, run_steps
+from rigel_k8s.jobs.names import Kind, index_by_name
+from rigel_k8s.jobs.registry import resolve
+from rigel_k8s.jobs.steps import Job, Jobs, list_jobs, list_sequence_steps
+from rigel_k8s.jobs.values import Values, check_steps
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
     Rigelfile,
-    YamlNode,
     find_nearest,
+    find_type,
     place,
     preview,
     problems_error,
     realise,
     render,
 )
-from rigel_k8s.rigelfile.model import ComponentSpec
+from rigel_k8s.rigelfile.model import ComponentSpec, JobUse, SequenceSpec
 from rigel_k8s.rigelfile.spending import TooLarge
 from rigel_k8s.settings import Application, Settings
-from rigel_k8s.system.trust import Untrusted
 
 T = TypeVar("T")
 
@@ -55,14 +46,20 @@ GRACE = 30.0
 
 @attrs.frozen
 class Prepared:
-    """What will run, checked; `warnings` are rendered, without the word "warning"."""
+    """What will run, and what its check has found."""
 
     rigelfile: Rigelfile
     settings: Settings
     steps: Jobs
     values: Values
     providers: tuple[Declared, ...]
-    warnings: tuple[str, ...]
+    findings: Sequence[Finding]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the check found, rendered, without the word "warning"."""
+        source = self.rigelfile.source
+        return tuple(render(source, finding, marked=False) for finding in self.findings)
 
 
 def find_cluster_job(prepared: Prepared) -> str | None:
@@ -86,10 +83,8 @@ def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared
         ProblemsError: all that is wrong with it and with the providers.
         UserError: unknown job.
     """
-    spec = _find_named("job", name, rigelfile.jobs)
-    return _check_steps(
-        rigelfile, settings, [name], lambda types: list_job_steps(spec, types[name])
-    ).prepare()
+    _find_named("job", name, rigelfile.jobs)
+    return _refuse_errors(_prepare(rigelfile, settings, JobUse(name)))
 
 
 def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -99,7 +94,18 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
         ProblemsError: all that is wrong with its jobs and with the providers.
         UserError: unknown sequence, or two of its jobs cannot run side by side.
     """
-    return _check_sequence(rigelfile, name, settings).prepare()
+    sequence = _find_named("sequence", name, rigelfile.sequences)
+    return _refuse_errors(_prepare(rigelfile, settings, sequence))
+
+
+def prepare_use(rigelfile: Rigelfile, use: JobUse, settings: Settings) -> Prepared:
+    """Resolve and check one use of a job, for a runner that connects other people's providers.
+
+    Raises:
+        ProblemsError: all that is wrong with it and with the providers of this package.
+    """
+    ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in index_by_name("provider")}
+    return _refuse_errors(_prepare(attrs.evolve(rigelfile, providers=ours), settings, use))
 
 
 def list_steps(rigelfile: Rigelfile, name: str, settings: Settings) -> Jobs:
@@ -109,39 +115,19 @@ def list_steps(rigelfile: Rigelfile, name: str, settings: Settings) -> Jobs:
         UserError: unknown sequence.
     """
     sequence = _find_named("sequence", name, rigelfile.sequences)
-    resolved = _Resolution(rigelfile, settings.rigelfile.parent, [])
-    types = {job: resolved.job(rigelfile.jobs[job]) for job in job_names(sequence)}
-    return list_sequence_steps(sequence, rigelfile.jobs, types)
+    return list_sequence_steps(sequence, _Resolution(rigelfile, settings).job)
 
 
 def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
     """Return the errors and warnings of prepare_sequence, each with its place."""
     try:
-        return _check_sequence(rigelfile, name, settings).findings
+        return _prepare(rigelfile, settings, rigelfile.sequences[name]).findings
     except TooLarge as error:
         return [error.finding]
     except UserError as error:  # two of its jobs cannot run side by side
         message = "; ".join(filter(None, (error.message, error.hint)))
         problem = Problem(("sequences", name), message, "side-by-side", at_key=True)
         return [place(rigelfile.root, problem)]
-
-
-def prepare_use(
-    rigelfile: Rigelfile, spec: ComponentSpec, overrides: YamlNode | None, settings: Settings
-) -> Prepared:
-    """Resolve and check one use of a job, for a runner that connects other people's providers.
-
-    Raises:
-        ProblemsError: all that is wrong with it and with the providers of this package.
-    """
-    ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in index_by_name("provider")}
-    rigelfile = attrs.evolve(rigelfile, providers=ours)
-    return _check_steps(
-        rigelfile,
-        settings,
-        [spec.name],
-        lambda types: list_job_steps(spec, types[spec.name], overrides),
-    ).prepare()
 
 
 def run(
@@ -190,53 +176,25 @@ def warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
     return run(prepared, report)
 
 
-@attrs.frozen
-class _CheckedSteps:
-    """Steps with the findings about them."""
-
-    rigelfile: Rigelfile
-    settings: Settings
-    steps: Jobs
-    values: Values
-    providers: tuple[Declared, ...]
-    findings: Sequence[Finding]
-
-    def prepare(self) -> Prepared:
-        """Return what can run; raise ProblemsError if something is wrong."""
-        source = self.rigelfile.source
-        if any(finding.severity == "error" for finding in self.findings):
-            raise problems_error(source, self.findings)
-        warnings = tuple(render(source, found, marked=False) for found in self.findings)
-        return Prepared(
-            self.rigelfile, self.settings, self.steps, self.values, self.providers, warnings
-        )
-
-
-def _check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> _CheckedSteps:
-    sequence = _find_named("sequence", name, rigelfile.sequences)
-
-    def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
-        return list_sequence_steps(sequence, rigelfile.jobs, types)
-
-    return _check_steps(rigelfile, settings, job_names(sequence), steps)
-
-
-def _check_steps(
-    rigelfile: Rigelfile,
-    settings: Settings,
-    names: Iterable[str],
-    steps_of: Callable[[Mapping[str, JobType[Any]]], Jobs],
-) -> _CheckedSteps:
-    findings: list[Finding] = []
-    resolved = _Resolution(rigelfile, settings.rigelfile.parent, findings)
-    steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
-    declared = [resolved.provider(spec) for spec in rigelfile.providers.values()]
+def _prepare(rigelfile: Rigelfile, settings: Settings, what: JobUse | SequenceSpec) -> Prepared:
+    """Resolve and check a job or a sequence; errors are among the findings."""
+    resolution = _Resolution(rigelfile, settings)
+    if isinstance(what, JobUse):
+        steps = Jobs((resolution.job(what),))
+    else:
+        steps = list_sequence_steps(what, resolution.job)
+    providers = tuple(filter(None, map(resolution.provider, rigelfile.providers.values())))
     values = Values(rigelfile)
-    preview = JobPreview(values.preview, values.preview_matrix, rigelfile.application, settings)
     with importable(settings.rigelfile.parent):
-        findings += preview.check(steps)
-    providers = tuple(filter(None, declared))
-    return _CheckedSteps(rigelfile, settings, steps, values, providers, findings)
+        findings = [*resolution.findings, *check_steps(steps, rigelfile, values, settings)]
+    return Prepared(rigelfile, settings, steps, values, providers, findings)
+
+
+def _refuse_errors(prepared: Prepared) -> Prepared:
+    """Return what can run. Raises ProblemsError if something is wrong with it."""
+    if any(finding.severity == "error" for finding in prepared.findings):
+        raise problems_error(prepared.rigelfile.source, prepared.findings)
+    return prepared
 
 
 class _Unresolved:
@@ -251,42 +209,39 @@ class _Unresolved:
         raise AssertionError("a sequence with an unresolved job type is never run")
 
 
-@attrs.frozen
 class _Resolution:
     """Turns components into types and options, and notes what is wrong."""
 
-    rigelfile: Rigelfile
-    directory: Path
-    findings: list[Finding]
+    def __init__(self, rigelfile: Rigelfile, settings: Settings) -> None:
+        self.findings: list[Finding] = []
+        self._rigelfile = rigelfile
+        self._directory = settings.rigelfile.parent
+        self._types: dict[str, JobType[Any]] = {}
 
-    def job(self, spec: ComponentSpec) -> JobType[Any]:
-        return self._resolve(spec, "plugin", job_type) or _Unresolved()
+    def job(self, use: JobUse) -> Job:
+        spec = self._rigelfile.jobs[use.name]
+        if use.name not in self._types:
+            self._types[use.name] = self._find_type("job", spec) or _Unresolved()
+        return Job(spec, self._types[use.name], use.overrides)
 
     def provider(self, spec: ComponentSpec) -> Declared | None:
-        kind = self._resolve(spec, "provider", provider_type)
+        kind = self._find_type("provider", spec)
         if kind is None:
             return None
-        seen = preview(self.rigelfile, spec, None, {}, kind.options)
-        self.findings.extend(seen.findings)
+        seen = preview(self._rigelfile, spec, None, {}, kind.options)
+        self.findings += seen.findings
         if seen.findings:
             return None
-        options = realise(self.rigelfile, spec, None, {}, kind.options).options
-        problems = kind.check(options, self.rigelfile.application)
-        self.findings.extend(place(spec.options, problem) for problem in problems)
+        options = realise(self._rigelfile, spec, None, {}, kind.options).options
+        self.findings += seen.check(kind, self._rigelfile.application, self._rigelfile.jobs)
         return Declared(spec.name, kind, options)
 
-    def _resolve(
-        self, spec: ComponentSpec, key: str, resolve: Callable[[str, Path], T]
-    ) -> T | None:
-        try:
-            return resolve(spec.plugin, self.directory)
-        except UserError as error:
-            message = "; ".join(filter(None, (error.message, *error.details, error.hint)))
-            slug = "unknown-plugin" if key == "plugin" else "unknown-provider"
-            slug = "untrusted" if isinstance(error, Untrusted) else slug
-            problem = Problem((*spec.path, key), message, slug)
-            self.findings.append(place(self.rigelfile.root, problem))
+    def _find_type(self, kind: Kind, spec: ComponentSpec) -> Any | None:
+        found = find_type(self._rigelfile.root, kind, spec, partial(resolve, self._directory))
+        if isinstance(found, Finding):
+            self.findings.append(found)
             return None
+        return found
 
 
 def _find_named(what: str, name: str, known: Mapping[str, T]) -> T:

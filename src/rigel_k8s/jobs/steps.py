@@ -14,15 +14,13 @@ from typing import Any, TypeAlias
 import attrs
 
 from rigel_k8s.jobs.job import JobType
-from rigel_k8s.jobs.matrix import combinations
-from rigel_k8s.jobs.waves import split_limits
+from rigel_k8s.jobs.matrix import combinations, split_limits
 from rigel_k8s.rigelfile.model import (
     ComponentSpec,
     Concurrent,
     JobUse,
     Parallel,
     SequenceSpec,
-    Sequential,
     Stage,
 )
 from rigel_k8s.rigelfile.source import YamlNode
@@ -66,48 +64,30 @@ class Branches:
 
 
 Step: TypeAlias = Job | Jobs | Serving | Branches
-Types: TypeAlias = Mapping[str, JobType[Any]]
 
 
-def list_job_steps(
-    spec: ComponentSpec, kind: JobType[Any], overrides: YamlNode | None = None
-) -> Jobs:
-    """Return what `run job` does."""
-    return Jobs((Job(spec, kind, overrides),))
+def list_sequence_steps(sequence: SequenceSpec, find_job: Callable[[JobUse], Job]) -> Jobs:
+    """Return what `run sequence` does.
 
-
-def list_sequence_steps(
-    sequence: SequenceSpec, specs: Mapping[str, ComponentSpec], types: Types
-) -> Jobs:
-    """Return what `run sequence` does, with the specs and types of its jobs by their keys."""
-
-    def job(use: JobUse) -> Job:
-        return Job(specs[use.name], types[use.name], use.overrides)
+    Args:
+        find_job: returns a use of a job with its type.
+    """
 
     def step(stage: Stage) -> Step:
         if isinstance(stage, Parallel):
-            return Branches(stage.matrix, Jobs(tuple(step(inner) for inner in stage.stages)))
-        listed = Jobs(tuple(job(use) for use in stage.jobs))
-        if isinstance(stage, Sequential):
-            return listed
-        assert isinstance(stage, Concurrent)
-        return Serving(tuple(job(use) for use in stage.dependencies), listed)
+            return Branches(stage.matrix, Jobs(tuple(map(step, stage.stages))))
+        jobs = Jobs(tuple(map(find_job, stage.jobs)))
+        if isinstance(stage, Concurrent):
+            return Serving(tuple(map(find_job, stage.dependencies)), jobs)
+        return jobs
 
-    body = Jobs(tuple(step(stage) for stage in sequence.stages))
+    body = Jobs(tuple(map(step, sequence.stages)))
     return body if sequence.matrix is None else Jobs((Branches(sequence.matrix, body),))
 
 
 def list_jobs(step: Step) -> Iterator[Job]:
     """Yield the jobs below a step in the order in which they start."""
-    if isinstance(step, Job):
-        yield step
-    elif isinstance(step, Jobs):
-        for inner in step.steps:
-            yield from list_jobs(inner)
-    elif isinstance(step, Serving):
-        yield from (*step.dependencies, *list_jobs(step.jobs))
-    else:
-        yield from list_jobs(step.body)
+    yield from (job for job, _ in list_uses(step, lambda step, known: None))
 
 
 def list_uses(
@@ -132,11 +112,5 @@ def list_uses(
         yield from ((job, known) for job in step.dependencies)
         yield from list_uses(step.jobs, matrix, known)
     else:
-        values = split_limits(matrix(step, known) or {})[0]
-        for combination in combinations(values):
+        for combination in combinations(split_limits(matrix(step, known) or {})[0]):
             yield from list_uses(step.body, matrix, {**known, **combination})
-
-
-def job_names(sequence: SequenceSpec) -> tuple[str, ...]:
-    """Return the keys of the jobs that a sequence uses, each once."""
-    return tuple(dict.fromkeys(use.name for use in sequence.list_uses()))

@@ -1,20 +1,23 @@
 """A Rigelfile's values as jobs and matrices need them, before and during a run.
 
-It joins rigelfile/, which finds places, and job types, which find problems.
+It joins rigelfile/, which finds places, and job types, which find problems. Before a run, values
+that earlier jobs will store are unknown, and those of a written matrix are known: what depends on
+the former is checked again when its job runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import prod
-from pathlib import Path
 from typing import Any
 
 import attrs
 
+from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.job import JobOptions
-from rigel_k8s.jobs.steps import Branches, Job
-from rigel_k8s.jobs.waves import find_limit_fault
+from rigel_k8s.jobs.matrix import combinations, find_limit_fault, label, split_limits
+from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
@@ -25,19 +28,16 @@ from rigel_k8s.rigelfile import (
     problems_error,
     realise,
     render,
-    render_node,
     strip_places,
 )
 from rigel_k8s.rigelfile.limits import MOST_COMBINATIONS
-from rigel_k8s.rigelfile.options import Preview, Realised
+from rigel_k8s.rigelfile.options import Preview
+from rigel_k8s.settings import Settings
 
-
-@attrs.frozen
-class _Checked:
-    """Options, and what is wrong with them."""
-
-    seen: Preview | Realised
-    findings: Sequence[Finding]
+#: Data by name, as far as it is known before a run.
+Known = Mapping[str, Any]
+#: What jobs hold, each with the job's name.
+Held = dict[str, str]
 
 
 class Values:
@@ -46,17 +46,16 @@ class Values:
     def __init__(self, rigelfile: Rigelfile) -> None:
         self._rigelfile = rigelfile
         #: By use of a job: its options that wait for nothing, and the data they were made with.
-        self._complete: dict[int, list[tuple[Mapping[str, Any], _Checked]]] = {}
+        self._complete: dict[int, list[tuple[Known, Preview]]] = {}
 
-    def preview(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
-        """Return a job's options as far as they are known before the run, and what is wrong."""
+    def preview(self, job: Job, known: Known) -> Preview:
+        """Return a job's options as far as they are known before the run, checked."""
         seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
-        findings = list(seen.findings)
         if seen.draft is not None:
-            findings += seen.place_problems(self._check(job, seen.draft))
+            seen = self._check(job, seen)
         if seen.complete and seen.options is not None:
-            self._complete.setdefault(id(job), []).append((known, _Checked(seen, findings)))
-        return seen.options, findings
+            self._complete.setdefault(id(job), []).append((known, seen))
+        return seen
 
     def realise(self, job: Job, data: Mapping[str, Any]) -> JobOptions:
         """Return a job's options, now that all data is available, checked.
@@ -66,38 +65,30 @@ class Values:
         Raises:
             ProblemsError: something in it is wrong, with places.
         """
-        earlier = (made for known, made in self._complete.get(id(job), ()) if _has(data, known))
-        made = next(earlier, None) or self._make(job, data)
-        findings = [*made.findings]
-        if check_files := getattr(job.type, "check_files", None):
-            home = Path(self._rigelfile.source.name).absolute().parent
-            application = self._rigelfile.application
-            problems = check_files(made.seen.options, application, home)
-            findings += made.seen.place_problems(problems)
+        earlier = (seen for known, seen in self._complete.get(id(job), ()) if _has(data, known))
+        seen = next(earlier, None) or self._check(
+            job, realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
+        )
+        files = seen.check_files(job.type, self._rigelfile.application, self._rigelfile.source)
+        findings = (*seen.findings, *files)
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
 
         def place_all(problems: Sequence[Problem]) -> Sequence[str]:
-            return self._render(made.seen.place_problems(problems))
+            return self._render(seen.place_problems(problems))
 
-        return JobOptions(made.seen.options, made.seen.raw, self._render(findings), place_all)
+        return JobOptions(seen.options, seen.raw, self._render(findings), place_all)
 
-    def _make(self, job: Job, data: Mapping[str, Any]) -> _Checked:
-        real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
-        findings = [*real.warnings, *real.place_problems(self._check(job, real.options))]
-        return _Checked(real, findings)
+    def _check(self, job: Job, seen: Preview) -> Preview:
+        """Return options with what the job type's checks find in them."""
+        found = seen.check(job.type, self._rigelfile.application, self._rigelfile.jobs)
+        return attrs.evolve(seen, findings=(*seen.findings, *found))
 
     def _render(self, findings: Iterable[Finding]) -> tuple[str, ...]:
         return tuple(render(self._rigelfile.source, finding) for finding in findings)
 
-    def _check(self, job: Job, options: Any) -> list[Problem]:
-        problems = [*job.type.check(options, self._rigelfile.application)]
-        if check_jobs := getattr(job.type, "check_jobs", None):
-            problems += check_jobs(options, self._rigelfile.jobs)
-        return problems
-
     def preview_matrix(
-        self, step: Branches, known: Mapping[str, Any]
+        self, step: Branches, known: Known
     ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
         """Return a matrix if it is known before the run, and what is wrong with it."""
         return self._render_matrix(step, known, final=False)
@@ -118,12 +109,13 @@ class Values:
     ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
         if step.matrix is None:
             return {}, []
-        seen = render_node(self._rigelfile, step.matrix, data, final=final)
-        findings = [*seen.findings, *_matrix_faults(seen.node)]
-        return (None if findings or not seen.complete else strip_places(seen.node)), findings
+        scope = self._rigelfile.scope.with_data(data, final=final)
+        node = scope.fill(step.matrix)
+        findings = [*scope.findings, *_matrix_faults(node)]
+        return (None if findings or node.has_hole() else strip_places(node)), findings
 
 
-def _has(data: Mapping[str, Any], known: Mapping[str, Any]) -> bool:
+def _has(data: Mapping[str, Any], known: Known) -> bool:
     return all(key in data and data[key] == value for key, value in known.items())
 
 
@@ -142,3 +134,72 @@ def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:
             kind = type(node.value).__name__
             message = f"{key} of a matrix must be a list, not {kind}"
             yield place(node, Problem((), message, "bad-matrix"))
+
+
+def check_steps(
+    steps: Step, rigelfile: Rigelfile, values: Values, settings: Settings
+) -> list[Finding]:
+    """Return what is wrong with the jobs under a step, for each combination that is known.
+
+    Raises:
+        UserError: two jobs that run side by side hold one key.
+    """
+    check = _StepsCheck(rigelfile, values, settings)
+    check.visit(steps, {})
+    return list(check.findings)
+
+
+@attrs.frozen
+class _StepsCheck:
+    """A walk over a tree of steps; `findings` has each once."""
+
+    rigelfile: Rigelfile
+    values: Values
+    settings: Settings
+    findings: dict[Finding, None] = attrs.field(factory=dict)
+
+    def visit(self, step: Step, known: Known, branch: str = "") -> Held:
+        """Collect findings; return what the jobs below hold."""
+        if isinstance(step, Job):
+            return self._visit_job(step, known, branch)
+        if isinstance(step, Jobs):
+            held: Held = {}
+            for inner in step.steps:
+                held |= self.visit(inner, known, branch)
+            return held
+        if isinstance(step, Serving):
+            side_by_side: tuple[Step, ...] = (*step.dependencies, step.jobs)
+            return _combine(self.visit(one, known, branch) for one in side_by_side)
+        return _combine(self._visit_branches(step, known, branch))
+
+    def _visit_job(self, job: Job, known: Known, branch: str) -> Held:
+        seen = self.values.preview(job, known)
+        self.findings.update(dict.fromkeys(seen.findings))
+        exclusive = getattr(job.type, "exclusive", None)
+        if seen.options is None or exclusive is None:
+            return {}
+        key = exclusive(seen.options, self.rigelfile.application, self.settings)
+        if key is None or has_template(key):  # a value that an earlier job will store
+            return {}
+        return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}
+
+    def _visit_branches(self, step: Branches, known: Known, branch: str) -> Iterator[Held]:
+        matrix, findings = self.values.preview_matrix(step, known)
+        self.findings.update(dict.fromkeys(findings))
+        for combination in combinations(split_limits(matrix or {})[0]):
+            name = ", ".join(filter(None, (branch, label(combination))))
+            yield self.visit(step.body, {**known, **combination}, name)
+
+
+def _combine(parts: Iterable[Held]) -> Held:
+    """Return what jobs that run side by side hold together; UserError if two hold one key."""
+    held: Held = {}
+    for part in parts:
+        for key, where in part.items():
+            if key in held:
+                raise UserError(
+                    f"{held[key]} and {where} would work on {key} at the same time",
+                    hint="run them one after the other, or give them different names",
+                )
+        held.update(part)
+    return held

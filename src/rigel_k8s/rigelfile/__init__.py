@@ -4,14 +4,13 @@ It is independent of job types and Kubernetes: option classes are passed in, and
 problems with paths, which are located in the text here.
 """
 
-from rigel_k8s.rigelfile.check import CheckResult, check_file, load
+from rigel_k8s.rigelfile.check import CheckResult, check_file, find_type, load
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, place, problems_error, render
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.options import (
     merge_options,
     preview,
     realise,
-    render_node,
 )
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
@@ -29,6 +28,7 @@ __all__ = [
     "YamlNode",
     "check_file",
     "find_nearest",
+    "find_type",
     "load",
     "locate",
     "merge_options",
@@ -37,7 +37,6 @@ __all__ = [
     "problems_error",
     "realise",
     "render",
-    "render_node",
     "render_starter",
     "schema",
     "strip_places",

@@ -30,9 +30,10 @@ from rigel_k8s.rigelfile.spending import TooLarge, bounded, refuse_depth
 from rigel_k8s.system.local_files import read_text
 from rigel_k8s.system.trust import Untrusted
 
+ComponentKind: TypeAlias = Literal["job", "provider"]
 #: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
 #: `options` and `check`; UserError if it does not exist.
-Resolve: TypeAlias = Callable[[Literal["job", "provider"], str], Any]
+Resolve: TypeAlias = Callable[[ComponentKind, str], Any]
 
 
 @attrs.frozen
@@ -214,41 +215,32 @@ class _Components:
         return list(self._used.get(job, {}).values()) or [None]
 
     def _check(
-        self,
-        kind: Literal["job", "provider"],
-        spec: ComponentSpec,
-        overrides: list[YamlNode | None],
+        self, kind: ComponentKind, spec: ComponentSpec, overrides: list[YamlNode | None]
     ) -> Iterator[Finding]:
-        try:
-            found = self._resolve(kind, spec.plugin)
-        except UserError as error:
-            key = "plugin" if kind == "job" else "provider"
-            hint = f" ({error.hint})" if error.hint else ""
-            node = locate(self._root, (*spec.path, key))
-            slug = "unknown-plugin" if kind == "job" else "unknown-provider"
-            slug = "untrusted" if isinstance(error, Untrusted) else slug
-            yield make_finding(node, f"{error.message}{hint}", slug)
+        found = find_type(self._root, kind, spec, self._resolve)
+        if isinstance(found, Finding):
+            yield found
             return
+        application, source = self._contents.application, self._scope.source
         for over in overrides:
-            yield from _check_options(found, self._scope, spec, over, self._contents)
+            scope = self._scope.with_data(None, final=False)
+            directory = application.dir if application else None
+            seen = look(scope, spec, over, found.options, directory)
+            yield from seen.findings
+            if seen.draft is not None and application is not None:
+                yield from seen.check(found, application, self._contents.jobs)
+                yield from seen.check_files(found, application, source)
 
 
-def _check_options(
-    found: Any,
-    scope: Scope,
-    spec: ComponentSpec,
-    overrides: YamlNode | None,
-    contents: Contents,
-) -> Iterator[Finding]:
-    """Yield what is wrong with a component's options, by their types and by its type's check."""
-    application = contents.application
-    directory = application.dir if application else None
-    seen = look(scope.with_data(None, final=False), spec, overrides, found.options, directory)
-    yield from seen.findings
-    if seen.draft is not None and application is not None:
-        yield from seen.place_problems(found.check(seen.draft, application))
-        if check_jobs := getattr(found, "check_jobs", None):
-            yield from seen.place_problems(check_jobs(seen.draft, contents.jobs))
-        if check_files := getattr(found, "check_files", None):
-            home = Path(scope.source.name).absolute().parent
-            yield from seen.place_problems(check_files(seen.draft, application, home))
+def find_type(
+    root: YamlNode, kind: ComponentKind, spec: ComponentSpec, resolve: Resolve
+) -> Any | Finding:
+    """Return the type of a job or provider, or why its name does not lead to one."""
+    try:
+        return resolve(kind, spec.plugin)
+    except UserError as error:
+        hint = f" ({error.hint})" if error.hint else ""
+        message = "; ".join((error.message, *error.details)) + hint
+        key = "plugin" if kind == "job" else "provider"
+        slug = "untrusted" if isinstance(error, Untrusted) else f"unknown-{key}"
+        return make_finding(locate(root, (*spec.path, key)), message, slug)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +16,15 @@ from rigel_k8s.rigelfile.findings import Finding, make_finding, place, problems_
 from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import YamlNode, kind_of, strip_places
+from rigel_k8s.rigelfile.source import Source, YamlNode, kind_of, strip_places
 from rigel_k8s.rigelfile.spending import bounded
 from rigel_k8s.rigelfile.structure import Doubts, structure
-
-
-@attrs.frozen
-class Rendered:
-    """A node with data filled in; `complete` where nothing waits for more."""
-
-    node: YamlNode
-    findings: tuple[Finding, ...]
-    complete: bool
+from rigel_k8s.settings import Application
 
 
 @attrs.frozen
 class Preview:
-    """Options before the run.
+    """Options as far as they are known.
 
     Attributes:
         options: None if something is wrong, or not enough is known. A text that waits for data
@@ -58,35 +50,24 @@ class Preview:
         shown = itertools.islice(sure, 2 * MOST_PROBLEMS)
         return tuple(place(self.node, problem) for problem in shown)
 
+    def check(
+        self, kind: Any, application: Application, jobs: Mapping[str, ComponentSpec]
+    ) -> tuple[Finding, ...]:
+        """Return what the checks of a job type or provider find in the draft."""
+        findings = self.place_problems(kind.check(self.draft, application))
+        if check_jobs := getattr(kind, "check_jobs", None):
+            findings += self.place_problems(check_jobs(self.draft, jobs))
+        return findings
 
-@attrs.frozen
-class Realised:
-    """Options when a job runs.
-
-    Attributes:
-        options: the options.
-        raw: the `with` as plain data.
-        node: what the options were made from; paths of problems begin there.
-        warnings: about how they were made.
-    """
-
-    options: Any
-    raw: dict[str, Any]
-    node: YamlNode
-    warnings: tuple[Finding, ...] = ()
-
-    def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
-        """Return problems with the options as findings."""
-        return tuple(place(self.node, problem) for problem in problems)
-
-
-def render_node(
-    rigelfile: Rigelfile, node: YamlNode, data: Mapping[str, Any] | None, *, final: bool = False
-) -> Rendered:
-    """Return a node of the Rigelfile with data filled in; `final`: no more data will come."""
-    scope = rigelfile.scope.with_data(data, final=final)
-    rendered = scope.fill(node)
-    return Rendered(rendered, sort_findings(scope.findings), not rendered.has_hole())
+    def check_files(
+        self, kind: Any, application: Application, source: Source
+    ) -> tuple[Finding, ...]:
+        """Return what is wrong with the files that the draft names."""
+        check_files = getattr(kind, "check_files", None)
+        if check_files is None:
+            return ()
+        home = Path(source.name).absolute().parent
+        return self.place_problems(check_files(self.draft, application, home))
 
 
 def preview(
@@ -107,8 +88,8 @@ def realise(
     overrides: YamlNode | None,
     data: Mapping[str, Any],
     options: type[Any],
-) -> Realised:
-    """Return a component's options when it runs.
+) -> Preview:
+    """Return a component's options when it runs; their findings are warnings.
 
     Raises:
         ProblemsError: something is wrong with them, or data is missing; with the places.
@@ -117,7 +98,7 @@ def realise(
     seen = look(scope, spec, overrides, options, rigelfile.application.dir)
     if seen.options is None:
         raise problems_error(rigelfile.source, seen.findings)
-    return Realised(seen.options, seen.raw, seen.node, seen.findings)
+    return seen
 
 
 def look(
@@ -135,27 +116,15 @@ def look(
     merged = merge_options(spec.options, overrides)
     scope.add_look(merged)
     with bounded(scope.source, merged):
-        return _look(scope, spec, overrides, options, merged, directory)
-
-
-def _look(
-    scope: Scope,
-    spec: ComponentSpec,
-    overrides: YamlNode | None,
-    options: type[Any],
-    merged: YamlNode,
-    directory: Path | None,
-) -> Preview:
-    written = scope.fill(merged)
-    findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
-    node = written
-    if nesting_key(options):
-        base = written if merged is spec.options else scope.fill(spec.options)
-        over = overrides and scope.fill(overrides)
-        node = merge_options(base, over, options)
-    expanded = expand(node, options, Surroundings.of(scope, directory))
-    findings += expanded.findings
-    result = structure(expanded.node, Any if options is dict else options)
+        node = written = scope.fill(merged)
+        findings = [*scope.findings]
+        if under := nesting_key(options):
+            findings += _find_nesting_faults(under, spec.options, overrides)
+            base = written if merged is spec.options else scope.fill(spec.options)
+            node = merge_options(base, overrides and scope.fill(overrides), options)
+        expanded = expand(node, options, Surroundings.of(scope, directory))
+        findings += expanded.findings
+        result = structure(expanded.node, Any if options is dict else options)
     findings += [place(expanded.node, problem) for problem in result.problems]
     wrong = any(finding.severity == "error" for finding in findings)
     return Preview(
@@ -191,17 +160,15 @@ def _find_nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | Non
     return inner.value if inner and isinstance(inner.value, dict) else None
 
 
-def _nesting_faults(*arguments: Any) -> Iterable[Finding]:
+def _find_nesting_faults(under: str, *nodes: YamlNode | None) -> Iterator[Finding]:
     """Yield keys that are both below the options' own key and next to it."""
-    *nodes, options = arguments
-    under = nesting_key(options)
-    for node in nodes if under else ():
+    for node in nodes:
         if not node or under not in node.value:
             continue
         inner = node.value[under]
         if not isinstance(inner.value, dict) and not inner.hole:
             message = f"expected a mapping, got {kind_of(inner.value)}"
             yield make_finding(inner, message, "wrong-type")
-        for key in (_find_nested(node, str(under)) or {}).keys() & node.value.keys():
+        for key in (_find_nested(node, under) or {}).keys() & node.value.keys():
             message = f'"{key}" is also below `{under}`: remove one'
             yield make_finding(node.value[key], message, "duplicate-key", key=True)

@@ -15,14 +15,15 @@ from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import Jobs, read_jobs, spec_keys
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import runner
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.runner import Prepared
-from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import list_jobs
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId
+from rigel_k8s.rigelfile.model import JobUse
 from rigel_k8s.rigelfile.source import Source, YamlNode, node_of
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.rosgraph.ros1 import list_parameters, read_parameter
@@ -85,7 +86,7 @@ class DeployedJob:
             keys.value["stack"] = read_stack(wanted.text)
         override = attrs.evolve(spec.options, value={"muto": keys})
         settings = attrs.evolve(self.settings, description=describe_revision(wanted))
-        prepared = runner.prepare_use(rigelfile, spec, override, settings)
+        prepared = runner.prepare_use(rigelfile, JobUse(spec.name, override), settings)
         (job,) = list_jobs(prepared.steps)
         made = prepared.values.realise(job, {})  # as the check has made it, and the run uses it
         return prepared, tuple(list_images(made.options))

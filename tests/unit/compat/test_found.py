@@ -66,7 +66,7 @@ def test_a_job_is_known_by_its_data(
     rigelfile: Rigelfile, given: dict[str, Any], data: dict[str, Any], line: CommandLine, name: str
 ) -> None:
     """Filters that Rigel left, numbers that it made of text, data, overrides; or by the command."""
-    assert find_use(rigelfile, BUILTIN, dict, given, data, line).spec.name == name
+    assert find_use(rigelfile, BUILTIN, dict, given, data, line).name == name
 
 
 def test_the_overrides_of_the_place_of_use_are_found_too(rigelfile: Rigelfile) -> None:

@@ -9,10 +9,10 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs, Serving
 from rigel_k8s.settings import Settings
 from tests.support.recorder import Recorder

@@ -20,8 +20,7 @@ from rigel_k8s.errors import JobFailed, RigelK8sError, UserError
 from rigel_k8s.jobs import live
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext, JobReporter
-from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.providers import Declared
+from rigel_k8s.jobs.live import Declared, run_steps
 from rigel_k8s.jobs.steps import Jobs
 from rigel_k8s.settings import Application
 from tests.support.recorder import Recorder
@@ -141,7 +140,7 @@ from rigel_k8s.jobs import live
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobOptions
 from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.providers import Declared
+from rigel_k8s.jobs.live import Declared
 from rigel_k8s.jobs.steps import Jobs
 from rigel_k8s.settings import Application, Settings
 from tests.unit.jobs.conftest import make_job

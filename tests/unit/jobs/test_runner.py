@@ -206,7 +206,7 @@ sequences:
     assert re.search(r"Rigelfile:3:.*\"sya\".*did you mean \"?say", found)
     assert re.search(r"Rigelfile:6:.*must not be negative.*\[bad-number\]", found)
     assert re.search(
-        r"Rigelfile:7:.*mine has no Sya; did you mean mine\.Say.*\[unknown-plugin\]", found
+        r"Rigelfile:7:.*mine has no Sya \(did you mean mine\.Say.*\[unknown-plugin\]", found
     )
     assert re.search(r"Rigelfile:8:.*\"numbre\".*did you mean \"?number", found)
     assert caught.value.exit_code == 2

@@ -8,10 +8,10 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs
 from tests.support.recorder import Recorder
 

@@ -374,7 +374,7 @@ def test_braces_of_another_file_are_text(tmp_path: Path) -> None:
     override = attrs.evolve(spec.options, value=stack)
     made = realise(rigelfile, spec, override, {}, OrchestrationOptions)
     assert made.options.nodes["talker"].args == "{{ vars.HOME }}"
-    assert "{{ vars.HOME }}" in str(made.warnings)
+    assert "{{ vars.HOME }}" in str(made.findings)
 
 
 def test_arguments_are_filled_into_names(tmp_path: Path) -> None:

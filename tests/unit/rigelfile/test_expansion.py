@@ -89,10 +89,10 @@ def test_values_of_the_other_file_are_the_options(rigelfile: Path) -> None:
     real = realise(found, found.jobs["a"], None, {}, Wheel)
     assert real.options == Wheel(name="x", radius=0.5)
     assert real.raw == {"name": "x", "radius": 0.5}
-    assert [warning.message for warning in real.warnings] == [f"for {rigelfile.parent}"]
+    assert [warning.message for warning in real.findings] == [f"for {rigelfile.parent}"]
     seen = preview(found, found.jobs["a"], None, None, Wheel)
     assert seen.options == real.options
-    assert seen.findings == real.warnings
+    assert seen.findings == real.findings
 
 
 def test_problems_are_placed_in_the_file_that_they_are_about(rigelfile: Path) -> None:

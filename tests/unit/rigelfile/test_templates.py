@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.rigelfile import Rigelfile, render_node, strip_places
+from rigel_k8s.rigelfile import Rigelfile, YamlNode, strip_places
 
 Loader = Callable[..., Rigelfile]
 
@@ -134,11 +134,18 @@ jobs:
 """
 
 
+def fill(
+    rigelfile: Rigelfile, data: dict[str, Any], *, final: bool = False
+) -> tuple[YamlNode, list[str]]:
+    """Return the options of the file's job with data filled in, and what is wrong with them."""
+    scope = rigelfile.scope.with_data(data, final=final)
+    node = scope.fill(rigelfile.jobs["job"].options)
+    return node, [finding.message for finding in scope.findings]
+
+
 def filled(loaded: Loader, text: str, data: dict[str, Any], *, final: bool = True) -> Any:
-    rigelfile = loaded(VARS + JOB % text)
-    node = rigelfile.jobs["job"].options
-    rendered = render_node(rigelfile, node, data, final=final)
-    return [f.message for f in rendered.findings] or strip_places(rendered.node)
+    node, messages = fill(loaded(VARS + JOB % text), data, final=final)
+    return messages or strip_places(node)
 
 
 @pytest.mark.parametrize(
@@ -174,10 +181,9 @@ def test_a_var_may_wait_for_data(loaded: Loader) -> None:
         "vars: {a: 'x{{ data.n }}', b: '{{ vars.a }}y', c: [1, '{{ vars.b }}']}\n"
         + JOB % "{one: '{{ vars.b }}', two: '{{ vars.c }}', \"{{ data.n }}\": k}"
     )
-    node = rigelfile.jobs["job"].options
-    assert not render_node(rigelfile, node, {}).complete
-    rendered = render_node(rigelfile, node, {"n": 1}, final=True)
-    assert strip_places(rendered.node) == {"one": "x1y", "two": [1, "x1y"], "1": "k"}
+    assert fill(rigelfile, {})[0].has_hole()
+    node, _ = fill(rigelfile, {"n": 1}, final=True)
+    assert strip_places(node) == {"one": "x1y", "two": [1, "x1y"], "1": "k"}
 
 
 def test_unknown_data_is_told_when_the_job_runs(loaded: Loader) -> None:
@@ -204,9 +210,8 @@ def test_an_expression_waits_for_what_its_vars_wait_for(loaded: Loader) -> None:
         "vars: {a: 'x{{ data.n }}'}\n"
         + JOB % "{one: '{{ vars.a | upper }}', two: '{{ data.n + 1 }}'}"
     )
-    node = rigelfile.jobs["job"].options
-    assert not render_node(rigelfile, node, {}).complete
-    assert strip_places(render_node(rigelfile, node, {"n": 1}).node) == {"one": "X1", "two": 2}
+    assert fill(rigelfile, {})[0].has_hole()
+    assert strip_places(fill(rigelfile, {"n": 1})[0]) == {"one": "X1", "two": 2}
 
 
 @pytest.mark.programs

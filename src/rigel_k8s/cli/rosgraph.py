@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rigel_k8s.cli.colors import is_dumb
-from rigel_k8s.cli.screen import Screen
-from rigel_k8s.cli.words import Timeout, namespace_option, release_argument, settings
+from rigel_k8s.cli.words import namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.rosgraph import LiveGraph
@@ -48,14 +44,6 @@ ENDINGS |= {f".{form}": form for form in PICTURES}
     is_flag=True,
     help="Also show /rosout and other topics that every node has.",
 )
-@click.option("-w", "--watch", is_flag=True, help="Repeat until Ctrl-C.")
-@click.option(
-    "--interval",
-    type=Timeout(),
-    default="2s",
-    show_default=True,
-    help="Repeat after this time with -w.",
-)
 @click.pass_context
 def graph(
     ctx: click.Context,
@@ -63,9 +51,7 @@ def graph(
     job: str | None,
     output: str | None,
     to: Path | None,
-    everything: bool,  # noqa: FBT001 - click passes them by name
-    watch: bool,  # noqa: FBT001
-    interval: float,
+    everything: bool,  # noqa: FBT001 - click passes it by name
 ) -> int:
     """Show the ROS nodes, their machines, and the topics between them.
 
@@ -75,58 +61,9 @@ def graph(
     from rigel_k8s.commands import rosgraph as actions
 
     form = output or (ENDINGS.get(to.suffix, "text") if to else "text")
-    words = settings(ctx)
-    if watch:
-        follow(ctx, form, to, interval, job, everything=everything)
-    found = actions.graph(words, job)
+    found = actions.graph(settings(ctx), job)
     show(render(found, form, everything=everything), form, to)
     return 0 if found.ok else 1
-
-
-def follow(
-    ctx: click.Context,
-    form: str,
-    to: Path | None,
-    interval: float,
-    job: str | None,
-    *,
-    everything: bool,
-) -> None:
-    """Show the graph repeatedly; an error is printed and does not end it."""
-    live = to is None and form == "text" and sys.stdout.isatty() and not is_dumb()
-    screen = Screen() if live else None
-    with screen or nullcontext():
-        look(ctx, form, to, interval, job, screen, everything=everything)
-
-
-def look(
-    ctx: click.Context,
-    form: str,
-    to: Path | None,
-    interval: float,
-    job: str | None,
-    screen: Screen | None,
-    *,
-    everything: bool,
-) -> None:
-    """Show the graph on a screen, or append it, until Ctrl-C."""
-    from rigel_k8s.commands import rosgraph as actions
-    from rigel_k8s.errors import ClusterError
-
-    while True:
-        try:
-            text = render(actions.graph(settings(ctx), job), form, everything=everything)
-        except ClusterError as error:
-            if to or form != "text":
-                click.echo(f"warning: {error.message}", err=True)
-                time.sleep(interval)
-                continue
-            text = click.style(error.message, fg="red") + "\n"
-        if screen:
-            screen.show(text)
-        else:
-            show(text, form, to)
-        time.sleep(interval)
 
 
 def show(text: str, form: str, to: Path | None) -> None:

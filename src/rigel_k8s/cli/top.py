@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 import attrs
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 KIB = 1024.0
 HEADS = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
-#: Columns that only a ROS exporter fills, some only for ROS 1; not shown if all are empty.
-EXPORTERS = (("UP",), ("OUT", "IN"))
-UNKNOWN = "-"
 
 
 @click.command()
@@ -55,9 +52,8 @@ def top(
 
     if topics:
         show_topics(actions.topics(settings(ctx), nodes, job), output)
-        return
-    found = actions.top(settings(ctx), nodes, job)
-    show(found, output)
+    else:
+        show(actions.top(settings(ctx), nodes, job), output)
 
 
 def show(found: Top, output: str) -> None:
@@ -68,16 +64,14 @@ def show(found: Top, output: str) -> None:
         nodes = [attrs.asdict(row) for row in found.rows]
         print_json({**attrs.asdict(found.release), "source": found.source, "nodes": nodes})
         return
-    everything = [cells(row) for row in found.rows]
-    left_out = {head for heads in EXPORTERS if not has_any(heads, everything) for head in heads}
-    shown = [i for i, head in enumerate(HEADS) if head not in left_out]
-    heads, *rows = ([line[i] for i in shown] for line in (HEADS, *everything))
+    hidden: set[str] = set()  # what only a ROS exporter knows, some of it only in ROS 1
+    if all(row.up is None for row in found.rows):
+        hidden = {"UP"}
+    if all(row.published is None and row.received is None for row in found.rows):
+        hidden |= {"OUT", "IN"}
+    shown = [i for i, head in enumerate(HEADS) if head not in hidden]
+    heads, *rows = ([line[i] for i in shown] for line in (HEADS, *map(cells, found.rows)))
     click.echo(table(heads, rows))
-
-
-def has_any(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
-    """Return whether any of these columns has a value."""
-    return any(row[HEADS.index(head)] != UNKNOWN for row in rows for head in heads)
 
 
 def cells(row: UsageRow) -> list[str]:
@@ -126,7 +120,7 @@ def topic_cells(row: TopicUsage) -> list[str]:
 
 def format_cell(value: T | None, write: Callable[[T], str]) -> str:
     """Return a cell; - if unknown."""
-    return UNKNOWN if value is None else write(value)
+    return "-" if value is None else write(value)
 
 
 def rate(value: float) -> str:

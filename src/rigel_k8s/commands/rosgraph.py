@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import attrs
 
 from rigel_k8s.commands.targets import Release, release
-from rigel_k8s.commands.top import TOPICS, index_by, prometheus_of, select_series
+from rigel_k8s.commands.top import TOPICS, ask_prometheus, index_by
 from rigel_k8s.errors import ClusterError, CommandFailed
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.problems import Problem
@@ -54,20 +54,17 @@ def look(found: Release) -> LiveGraph:
     """Return the graph of a release that is connected. Raises as graph."""
     read = read_graph(found.cluster, found.id)
     if any(topic.rate is None for topic in read.topics):
-        read = read.with_rates(measured_rates(found))
+        read = read.with_rates(measure_rates(found))
     return LiveGraph(found.id, read, find_problems(read))
 
 
-def measured_rates(found: Release) -> dict[str, float]:
+def measure_rates(found: Release) -> dict[str, float]:
     """Return messages per second by topic, from Prometheus; empty without one."""
-    queries = [TOPICS[name].format(select_series(found.id)) for name in ("counted", "heard")]
     try:
-        prometheus = prometheus_of(found)
-        answers = found.cluster.parallel(prometheus.query, queries)
+        samples = ask_prometheus(found, {name: TOPICS[name] for name in ("counted", "heard")})
     except (NoStack, ClusterError):
         return {}
-    counted, heard = (index_by("topic", samples) for samples in answers)
-    return {**counted, **heard}
+    return index_by("topic", (*samples["counted"], *samples["heard"]))
 
 
 def paint(dot: str, form: str, to: Path) -> None:

@@ -1,21 +1,29 @@
-"""top: what each ROS node uses, its data in Prometheus, and the topics between nodes."""
+"""top: what each ROS node uses, its data in Prometheus, and the topics between nodes.
+
+CPU and memory come from metrics.k8s.io (the metrics-server), or else from the machines' kubelets.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import attrs
 
 from rigel_k8s.commands.pods import Pod, choose_pods
 from rigel_k8s.commands.targets import Release, release
-from rigel_k8s.commands.top_usage import Usage, measure_usage
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube import Cluster, ObjectRef
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.objects.quantities import parse_quantity
 from rigel_k8s.observability.names import PROMETHEUS
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
-from rigel_k8s.observability.reading.stack import NoStack, part_of
+from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
+METRICS = "metrics.k8s.io/v1beta1"
 #: The mean over this time, if the series is old enough; it always contains two scrapes.
 SPAN = "2m"
 
@@ -25,10 +33,17 @@ def growth_rate(series: str) -> str:
     return f"(rate({series}[{SPAN}]) and {series} offset {SPAN} or irate({series}[5m]))"
 
 
-UP = "max by (ros_node, workload) (ros_node_up{{{0}}})"
-FLOW = f"sum by (ros_node, direction) ({growth_rate('ros_node_topic_messages_total{{{0}}}')})"
-#: By topic; topics that the exporter does not subscribe to use the nodes' own counts.
+#: What a node itself counts of its topics.
 SENT = '{{{0},direction="published"}}'
+RECEIVED = '{{{0},direction="received"}}'
+#: By ROS name, one by workload; of a workload's nodes, one that is missing counts.
+NODES = {
+    "up": "max by (ros_node) (ros_node_up{{{0}}})",
+    "all_up": "min by (workload) (max by (ros_node, workload) (ros_node_up{{{0}}}))",
+    "published": f"sum by (ros_node) ({growth_rate('ros_node_topic_messages_total' + SENT)})",
+    "received": f"sum by (ros_node) ({growth_rate('ros_node_topic_messages_total' + RECEIVED)})",
+}
+#: By topic; topics that the exporter does not subscribe to use the nodes' own counts.
 TOPICS = {
     "publishers": "max by (topic, type) (ros_topic_publishers{{{0}}})",
     "subscribers": "max by (topic, type) (ros_topic_subscribers{{{0}}})",
@@ -41,6 +56,14 @@ TOPICS = {
     " - ros_topic_last_message_timestamp_seconds{{{0}}})",
     "delay": "max by (topic) (ros_topic_header_age_seconds{{{0}}})",
 }
+
+
+@attrs.frozen
+class Usage:
+    """What a pod uses now: cores, and bytes that the kernel would not give back."""
+
+    cpu: float
+    memory: float
 
 
 @attrs.frozen
@@ -115,14 +138,14 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        pods = choose_running_pods(found, nodes)
-        usage = measure_usage(cluster, pods)
+        pods = choose_pods(found, nodes)
+        pods = [pod for pod in pods if pod.phase == "Running"] or pods
+        usage, source = measure_usage(cluster, pods)
         try:
-            ros = ros_of(found, prometheus_of(found))
+            samples = ask_prometheus(found, NODES)
         except (NoStack, ClusterError):
-            ros = Ros()
-    rows = tuple(row_of(pod, usage.by_pod.get(pod.name), ros) for pod in pods)
-    return Top(found.id, rows, usage.source)
+            samples = {}
+    return Top(found.id, tuple(make_rows(pods, usage, samples)), source)
 
 
 def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Topics:
@@ -135,12 +158,8 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     if nodes:
         raise UserError("--topics shows the topics of all nodes", hint="remove the names")
     found = release(settings, job)
-    with found.cluster as cluster:
-        prometheus = prometheus_of(found)
-        own = select_series(found.id)
-        queries = [text.format(own) for text in TOPICS.values()]
-        answers = dict(zip(TOPICS, cluster.parallel(prometheus.query, queries), strict=True))
-    rows = topics_of(answers)
+    with found.cluster:
+        rows = topics_of(ask_prometheus(found, TOPICS))
     if not rows:
         raise UserError(
             f"Prometheus has no topics of {found.id.name} in {found.id.namespace}",
@@ -150,48 +169,17 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     return Topics(found.id, rows)
 
 
-def choose_running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
-    """Return the running pods; raises if there are none."""
-    pods = choose_pods(found, nodes)
-    return [pod for pod in pods if pod.phase == "Running"] or pods
-
-
-def prometheus_of(found: Release) -> PrometheusClient:
-    """Return the stack's Prometheus; raises as part_of."""
-    return PrometheusClient(part_of(found.cluster, PROMETHEUS, found.observability).ask)
-
-
-def select_series(release: ReleaseId) -> str:
-    """Return the matchers of a release's series."""
-    return matchers(application=release.name, namespace=release.namespace)
-
-
-@attrs.frozen
-class Ros:
-    """The exporter's data of nodes, by ROS name; of pods with several nodes by workload."""
-
-    up: dict[str, float] = attrs.field(factory=dict)
-    published: dict[str, float] = attrs.field(factory=dict)
-    received: dict[str, float] = attrs.field(factory=dict)
-
-
-def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
-    """Return Prometheus' data of a release's ROS nodes; empty without an exporter.
+def ask_prometheus(found: Release, queries: Mapping[str, str]) -> dict[str, list[Sample]]:
+    """Return what the stack's Prometheus has of a release, by the names of the queries.
 
     Raises:
-        ClusterError: Prometheus does not answer.
+        NoStack: no Prometheus is found.
+        ClusterError: it does not answer, or access to it is denied.
     """
-    own = select_series(found.id)
-    up, flow = found.cluster.parallel(prometheus.query, [UP.format(own), FLOW.format(own)])
-
-    def flows(direction: str) -> dict[str, float]:
-        return index_by(
-            "ros_node", (sample for sample in flow if sample.labels.get("direction") == direction)
-        )
-
-    # Of several nodes of one workload, a missing one counts.
-    whole = index_by("workload", sorted(up, key=lambda sample: -sample.value))
-    return Ros({**whole, **index_by("ros_node", up)}, flows("published"), flows("received"))
+    client = PrometheusClient(part_of(found.cluster, PROMETHEUS, found.observability).ask)
+    own = matchers(application=found.id.name, namespace=found.id.namespace)
+    texts = [query.format(own) for query in queries.values()]
+    return dict(zip(queries, found.cluster.parallel(client.query, texts), strict=True))
 
 
 def index_by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
@@ -199,22 +187,98 @@ def index_by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
     return {sample.labels.get(label, ""): sample.value for sample in samples}
 
 
-def row_of(pod: Pod, usage: Usage | None, ros: Ros) -> UsageRow:
-    """Return a pod's row."""
-    name = pod.ros_name
-    up = ros.up.get(name or pod.workload)
-    return UsageRow(
-        workload=pod.workload,
-        ros_name=name,
-        pod=pod.name,
-        node=pod.machine,
-        restarts=pod.restarts,
-        cpu=usage.cpu if usage else None,
-        memory=usage.memory if usage else None,
-        up=None if up is None else bool(up),
-        published=ros.published.get(name),
-        received=ros.received.get(name),
+def measure_usage(cluster: Cluster, pods: Sequence[Pod]) -> tuple[Mapping[str, Usage], str]:
+    """Return what pods of one namespace use, by their names, and its source.
+
+    Raises:
+        ClusterError: neither source has it; with both reasons.
+    """
+    reasons: list[str] = []
+    for source, name, ask in (
+        ("metrics-server", "metrics.k8s.io", ask_metrics_server),
+        ("kubelet", "the kubelets", ask_kubelets),
+    ):
+        try:
+            usage = ask(cluster, pods)
+        except Forbidden:
+            reasons.append(f"you may not ask {name}")
+        except ClusterError as error:
+            reasons.append(explain(name, error))
+        else:
+            if any(pod.name in usage for pod in pods):
+                return usage, source
+            reasons.append(f"{name} has none of these pods")
+    raise ClusterError(
+        "no source has the usage of these pods",
+        details=reasons,
+        hint="install a metrics-server, or request the right nodes/proxy",
     )
+
+
+def ask_metrics_server(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
+    """Return the usage of all pods of the namespace."""
+    if not cluster.serves(METRICS, "PodMetrics"):
+        raise ClusterError("the cluster has no metrics-server")
+    return {
+        item["metadata"]["name"]: Usage(
+            sum(float(parse_quantity(c["usage"]["cpu"])) for c in item["containers"]),
+            sum(float(parse_quantity(c["usage"]["memory"])) for c in item["containers"]),
+        )
+        for item in cluster.list(METRICS, "PodMetrics", pods[0].namespace)
+    }
+
+
+def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
+    """Return the usage of the namespace's pods on the machines of some pods."""
+
+    def ask(machine: str) -> Any:
+        node = ObjectRef("v1", "Node", "", machine)
+        query = {"only_cpu_and_memory": "true"}
+        return json.loads(cluster.get_through_proxy(node, "stats/summary", query=query))
+
+    usage: dict[str, Usage] = {}
+    for summary in cluster.parallel(ask, sorted({pod.machine for pod in pods} - {""})):
+        usage |= read_summary(summary, pods[0].namespace)
+    return usage
+
+
+def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
+    """Return the pods of a namespace in a kubelet's summary, without those that just started."""
+    found = {}
+    for pod in summary.get("pods") or []:
+        containers = pod.get("containers") or []
+        cpu = [c.get("cpu", {}).get("usageNanoCores") for c in containers]
+        memory = [c.get("memory", {}).get("workingSetBytes") for c in containers]
+        if pod["podRef"]["namespace"] == namespace and containers and None not in (*cpu, *memory):
+            found[pod["podRef"]["name"]] = Usage(sum(cpu) / 1e9, float(sum(memory)))
+    return found
+
+
+def make_rows(
+    pods: Sequence[Pod], usage: Mapping[str, Usage], samples: Mapping[str, Sequence[Sample]]
+) -> Iterator[UsageRow]:
+    """Yield a row for each pod; `samples` are the answers to NODES, or empty."""
+    up = {
+        **index_by("workload", samples.get("all_up", ())),
+        **index_by("ros_node", samples.get("up", ())),
+    }
+    published = index_by("ros_node", samples.get("published", ()))
+    received = index_by("ros_node", samples.get("received", ()))
+    for pod in pods:
+        used = usage.get(pod.name)
+        is_up = up.get(pod.ros_name or pod.workload)
+        yield UsageRow(
+            workload=pod.workload,
+            ros_name=pod.ros_name,
+            pod=pod.name,
+            node=pod.machine,
+            restarts=pod.restarts,
+            cpu=used.cpu if used else None,
+            memory=used.memory if used else None,
+            up=None if is_up is None else bool(is_up),
+            published=published.get(pod.ros_name),
+            received=received.get(pod.ros_name),
+        )
 
 
 def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[TopicUsage, ...]:

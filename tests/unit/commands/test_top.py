@@ -9,8 +9,15 @@ import pytest
 
 from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
 from rigel_k8s.commands.pods import Pod
-from rigel_k8s.commands.top import TOPICS, Ros, Top, row_of, topics_of
-from rigel_k8s.commands.top_usage import Usage, read_summary
+from rigel_k8s.commands.top import (
+    TOPICS,
+    Top,
+    Usage,
+    UsageRow,
+    make_rows,
+    read_summary,
+    topics_of,
+)
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.release.types import ReleaseId
 
@@ -68,31 +75,45 @@ def pod(workload: str, ros_name: str) -> Pod:
     )
 
 
+def node(name: str, value: float) -> list[Sample]:
+    return [Sample({"ros_node": name}, value)]
+
+
+def make_row(of: Pod, usage: Usage | None, samples: Mapping[str, list[Sample]]) -> UsageRow:
+    (row,) = make_rows([of], {of.name: usage} if usage else {}, samples)
+    return row
+
+
 def test_a_row_says_nothing_that_nobody_told() -> None:
     """And what was told in units that people read."""
-    told = Ros({"/talker": 1.0, "launch": 0.0}, {"/talker": 10.04}, {"/talker": 0.0})
-    row = row_of(pod("talker", "/talker"), Usage(0.00626, 24662016.0), told)
+    told = {
+        "up": node("/talker", 1.0),
+        "all_up": [Sample({"workload": "launch"}, 0.0)],
+        "published": node("/talker", 10.04),
+        "received": node("/talker", 0.0),
+    }
+    row = make_row(pod("talker", "/talker"), Usage(0.00626, 24662016.0), told)
     assert cells(row) == [
         *("talker", "/talker", "yes", "6m", "24Mi", "10.0", "0", "3", "talker-1", "node2")
     ]
-    assert cells(row_of(pod("launch", ""), None, told))[1:8] == ["-", "NO", *"----", "3"]
-    assert row_of(pod("other", "/other"), None, Ros()).up is None
+    assert cells(make_row(pod("launch", ""), None, told))[1:8] == ["-", "NO", *"----", "3"]
+    assert make_row(pod("other", "/other"), None, {}).up is None
 
 
 @pytest.mark.parametrize(
-    ("told", "heads"),
+    ("names", "heads"),
     [
-        (Ros({"/talker": 1.0}, {"/talker": 10.0}, {"/talker": 0.0}), "UP CPU MEMORY OUT IN"),
-        (Ros({"/talker": 1.0}, {"/talker": 10.0}), "UP CPU MEMORY OUT IN"),
-        (Ros({"/talker": 1.0}), "UP CPU MEMORY"),
-        (Ros(), "CPU MEMORY"),
+        (("up", "published", "received"), "UP CPU MEMORY OUT IN"),
+        (("up", "published"), "UP CPU MEMORY OUT IN"),
+        (("up",), "UP CPU MEMORY"),
+        ((), "CPU MEMORY"),
     ],
 )
 def test_columns_that_nobody_tells_are_left_out(
-    told: Ros, heads: str, capsys: pytest.CaptureFixture[str]
+    names: tuple[str, ...], heads: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """ROS 2's nodes count no messages, and without an exporter nobody knows who is up."""
-    row = row_of(pod("talker", "/talker"), None, told)
+    row = make_row(pod("talker", "/talker"), None, {name: node("/talker", 1.0) for name in names})
     show(Top(ReleaseId("lab", "demo"), (row,), "kubelet"), "table")
     shown = capsys.readouterr().out.splitlines()[0].split()
     assert shown == ["NODE", "ROS", "NAME", *heads.split(), "RESTARTS", "POD", "ON"]

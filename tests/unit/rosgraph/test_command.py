@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
 import attrs
 import pytest
 
-from rigel_k8s.cli import main, rosgraph, screen
+from rigel_k8s.cli import main
 from rigel_k8s.commands import rosgraph as actions
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.observability.reading.prometheus import Sample
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.release.types import ReleaseId
@@ -91,31 +90,23 @@ def test_a_release_without_pods_is_named() -> None:
 
 def test_rates_come_from_prometheus_where_it_knows_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is heard counts before what nodes count; what the graph itself knows stays."""
-
-    class Prometheus:
-        def query(self, expression: str) -> list[Sample]:
-            heard = "ros_topic_messages_total" in expression
-            return [Sample({"topic": "/odom"}, 50.0 if heard else 40.0)]
-
-    class Cluster:
-        def parallel(self, call: Any, values: Any) -> list[Any]:
-            return [call(value) for value in values]
-
-    cluster: Any = Cluster()
-    monkeypatch.setattr(actions, "prometheus_of", lambda found: Prometheus())
-    rates = actions.measured_rates(Release(cluster, RELEASE))
+    samples = {"counted": [Sample({"topic": "/odom"}, 40.0)]}
+    samples["heard"] = [Sample({"topic": "/odom"}, 50.0)]
+    cluster: Any = None
+    monkeypatch.setattr(actions, "ask_prometheus", lambda found, queries: samples)
+    rates = actions.measure_rates(Release(cluster, RELEASE))
     assert rates == {"/odom": 50.0}
     known = {topic.name: topic.rate for topic in ROBOT.with_rates(rates).topics}
     assert (known["/odom"], known["/cmd_vel"], known["/goal"]) == (50.0, 20.0, None)
 
 
 def test_without_a_stack_there_are_no_rates(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(found: Release) -> None:
+    def fail(found: Release, queries: object) -> None:
         raise NoStack("there is none")
 
     cluster: Any = None
-    monkeypatch.setattr(actions, "prometheus_of", fail)
-    assert actions.measured_rates(Release(cluster, RELEASE)) == {}
+    monkeypatch.setattr(actions, "ask_prometheus", fail)
+    assert actions.measure_rates(Release(cluster, RELEASE)) == {}
 
 
 @pytest.fixture
@@ -212,54 +203,3 @@ def test_a_file_that_cannot_be_written_is_the_users_error(
 ) -> None:
     assert main.run(["graph", "--to", str(tmp_path / "no" / "a.svg")], "rigel") == 2
     assert "cannot write" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("term", ["xterm", "dumb"])
-def test_watching_redraws_a_terminal_without_colours_too(
-    term: str,
-    found: list[Any],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """On its second screen, so that what was there before stays; the last graph is left below it.
-
-    A failure is shown in the graph's place. A terminal that cannot redraw gets one graph after the
-    other.
-    """
-    found[:] = [live(RosGraph()), ClusterError("roscore does not run")]
-    pauses = iter([None])
-
-    def sleep(seconds: float) -> None:
-        if next(pauses, 0) is not None:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(rosgraph.time, "sleep", sleep)
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setenv("TERM", term)
-    assert main.run(["--no-color", "graph", "-w"], "rigel") == 130
-    first, last = "release explorer in namespace robots\n", "roscore does not run\n"
-    live_text = f"{screen.ENTER}{screen.TOP}{first}{screen.TOP}{last}{screen.LEAVE}{last}"
-    assert capsys.readouterr().out == (first + last if term == "dumb" else live_text)
-
-
-def test_watching_goes_on_through_failures(
-    found: list[Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """The file keeps the last picture; Ctrl-C ends it."""
-    found[:] = [live(RosGraph()), ClusterError("roscore does not run"), live(ROBOT)]
-    pauses: list[float] = []
-
-    def sleep(seconds: float) -> None:
-        pauses.append(seconds)
-        if len(pauses) == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(rosgraph.time, "sleep", sleep)
-    file = tmp_path / "a.dot"
-    assert main.run(["graph", "-w", "--interval", "5s", "--to", str(file)], "rigel") == 130
-    assert pauses == [5.0, 5.0, 5.0]
-    assert "warning: roscore does not run" in capsys.readouterr().err
-    assert "/planner" in file.read_text()

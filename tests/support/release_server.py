@@ -1,7 +1,7 @@
 """A server that has released programs where their projects publish them, and their faults.
 
 Below its root, HOST/PATH is what upstream has at https://HOST/PATH: a mirror, as
-`rigel cluster up --mirror` takes one.
+RIGEL_CLUSTER_MIRROR names one.
 
 usage: python -m tests.support.release_server [--port 8099] [DIRECTORY]
        serves the programs that this machine has compiled, laid out in DIRECTORY
@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import io
-import json
 import tarfile
 import tempfile
 import threading
@@ -26,28 +25,22 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.system.cache import cache_dir
-from rigel_k8s.system.oci import architecture
 from rigel_lab.cluster.components import GO_BUILDS, ON_REQUEST
 from rigel_lab.cluster.gobuild import GoBuild
-from rigel_lab.cluster.releases import Published, Release, ReleasedImage
+from rigel_lab.cluster.releases import Release
 
 #: What can be wrong with a file: no answer at all, half of it and then nothing, half of it and the
-#: connection's end.
-Fault = Literal["silent", "stalls", "truncated"]
+#: connection's end; it is elsewhere.
+Fault = Literal["silent", "stalls", "truncated", "moved"]
 
 
 @attrs.define
 class Releases:
-    """A directory that is served, and what was asked for.
-
-    Attributes:
-        logins: whether it wants a token for images, as public registries do.
-    """
+    """A directory that is served, and what was asked for."""
 
     root: Path
     url: str = ""
     faults: dict[str, Fault] = attrs.field(factory=dict)
-    logins: bool = False
     asked: list[str] = attrs.field(factory=list)
     over: threading.Event = attrs.field(factory=threading.Event)
 
@@ -55,31 +48,9 @@ class Releases:
         """Where the file of an upstream URL is."""
         return self.root / url.removeprefix("https://")
 
-    def publish(self, release: Published, content: Mapping[str, bytes]) -> None:
-        """Publish programs as their project does."""
-        if isinstance(release, Release):
-            self.publish_files(release, content)
-        else:
-            self.publish_image(release, content)
-
-    def publish_image(self, image: ReleasedImage, content: Mapping[str, bytes]) -> None:
-        """Publish an image of two layers for two kinds of machines; the lower layer is not ours."""
-        base = self.path(image.origin)
-        for directory in ("blobs", "manifests"):
-            (base / directory).mkdir(parents=True, exist_ok=True)
-        layers = [archive("base", {"bin/sh": b"sh"}), archive("programs", content)]
-        manifest = {"layers": [{"digest": put(base / "blobs", layer)} for layer in layers]}
-        own = put(base / "manifests", json.dumps(manifest).encode())
-        platforms = {"s390x": put(base / "manifests", b"{}"), architecture(): own}
-        index = [
-            {"digest": digest, "platform": {"os": "linux", "architecture": name}}
-            for name, digest in platforms.items()
-        ]
-        (base / "manifests" / image.tag).write_text(json.dumps({"manifests": index}))
-
-    def publish_files(self, release: Release, content: Mapping[str, bytes]) -> None:
+    def publish(self, release: Release, content: Mapping[str, bytes]) -> None:
         """Publish files or an archive, each with its sum."""
-        files = release.files({name: name for name in content})
+        files = release.list_files({name: name for name in content})
         sums: dict[Path, str] = {}
         for file in files:
             path = self.path(release.url(file))
@@ -117,16 +88,15 @@ class Handler(SimpleHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self.releases.asked.append(self.path)
-        if self.releases.logins and "/v2/" in self.path and not self.headers["Authorization"]:
-            self.send_response(401)
-            realm = f'realm="{self.releases.url}/token",service="images"'
-            self.send_header("WWW-Authenticate", f"Bearer {realm}")
-            self.send_header("Content-Length", "0")
-            self.end_headers()
-            return
         fault = self.releases.faults.get(self.path.lstrip("/"))
         if fault is None:
             super().do_GET()
+            return
+        if fault == "moved":
+            self.send_response(302)
+            self.send_header("Location", f"{self.path.partition('?')[0]}?moved")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
             return
         if fault != "silent":
             content = (self.releases.root / self.path.lstrip("/")).read_bytes()
@@ -140,13 +110,6 @@ class Handler(SimpleHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Say nothing."""
-
-
-def put(directory: Path, content: bytes) -> str:
-    """Write content under its digest, and return that."""
-    digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
-    (directory / digest).write_bytes(content)
-    return digest
 
 
 def archive(name: str, content: Mapping[str, bytes]) -> bytes:

@@ -47,7 +47,7 @@ def begin(*, clusters: bool) -> None:
     os.environ[ALONE] = str(int(clusters and lock()))
     os.environ[RUN] = tempfile.mkdtemp(prefix="rigel-test-")
     needed = [*components.GO_BUILDS, *chain.from_iterable(components.ON_REQUEST.values())]
-    upstream = Upstream.of(None)
+    upstream = Upstream.of()
     os.environ[BUILT] = str(int(all(build.find(upstream) for build in needed)))
     if not os.environ.get("RIGEL_TEST_CONTEXT"):
         os.environ["KUBECONFIG"] = str(directory() / "kubeconfig")

@@ -61,15 +61,6 @@ def cluster() -> None:
 # For the tests; src/rigel_lab/README.md describes them.
 @click.option("--layout", type=click.Choice(["plain", "k3s"]), hidden=True)
 @click.option("--data-dir", hidden=True)
-@click.option(
-    "--mirror",
-    metavar="URL",
-    help="Download released programs from here: below it, HOST/PATH is what upstream has at"
-    " https://HOST/PATH [default: $RIGEL_CLUSTER_MIRROR].",
-)
-@click.option(
-    "--from-source", is_flag=True, help="Compile every program instead of downloading it."
-)
 @json_option
 @click.pass_context
 def up(
@@ -80,8 +71,6 @@ def up(
     extras: tuple[str, ...],
     layout: str | None,
     data_dir: str | None,
-    mirror: str | None,
-    from_source: bool,  # noqa: FBT001
     output: str,
 ) -> None:
     """Start a cluster, or the parts of it that do not run.
@@ -92,8 +81,6 @@ def up(
     """
     from rigel_k8s.commands import cluster as clusters
 
-    if from_source and mirror is not None:
-        raise click.UsageError("--mirror and --from-source exclude each other")
     with steps(ctx) as report:
         status = clusters.up(
             name,
@@ -101,7 +88,6 @@ def up(
             extras=extras,
             layout=layout,
             data_dir=data_dir,
-            mirror="none" if from_source else mirror,
             report=report,
         )
     if output == "json":

@@ -37,7 +37,6 @@ def up(
     extras: Sequence[str],
     layout: str | None,
     data_dir: str | None,
-    mirror: str | None,
     report: Callable[[str], None],
 ) -> lab.cluster.ClusterStatus:
     """Start a cluster, or the parts of it that do not run; see `lab.cluster.up`.
@@ -50,7 +49,6 @@ def up(
         extras=extras,
         layout=layout,
         data_dir=data_dir,
-        mirror=mirror,
         made={"observability": {exporter.UPSTREAM: partial(ros_exporter, report)}},
         report=report,
     )

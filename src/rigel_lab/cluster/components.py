@@ -18,10 +18,9 @@ import attrs
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import Report, run
-from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
-from rigel_lab.cluster.releases import Release, ReleasedImage, Upstream
+from rigel_lab.cluster.releases import Release, Unavailable, Upstream
 
 KUBERNETES_VERSION = "1.37.2"
 
@@ -78,7 +77,6 @@ LOCAL_PATH = GoBuild(
     "0.0.37",
     ("github.com/rancher/local-path-provisioner",),
     minutes=2,
-    release=ReleasedImage("registry-1.docker.io", "rancher/local-path-provisioner", "v0.0.37"),
 )
 #: What every cluster needs.
 GO_BUILDS = (KUBERNETES, CONTAINERD, COREDNS, LOCAL_PATH)
@@ -105,7 +103,6 @@ MULTUS = GoBuild(
     renamed={"passthru-cni": "passthru"},
     files={"multus-license": "LICENSE"},
     minutes=2,
-    release=ReleasedImage("ghcr.io", "k8snetworkplumbingwg/multus-cni", "v4.3.0-thick"),
 )
 WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
 WHEREABOUTS = GoBuild(
@@ -248,7 +245,7 @@ def obtain(
     Raises:
         LocalClusterError, CommandFailed: a build or a download failed.
     """
-    upstream = upstream or Upstream.of(None)
+    upstream = upstream or Upstream.of()
     builds = [*GO_BUILDS, *(build for name in requested for build in ON_REQUEST[name])]
     missing = [build for build in builds if not build.find(upstream)]
     if missing or find_missing_packages():

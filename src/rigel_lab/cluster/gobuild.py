@@ -21,8 +21,7 @@ from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.objects.text import plural
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress, follow, run
-from rigel_lab.cluster.download import Unavailable
-from rigel_lab.cluster.releases import Published, Upstream, place_of
+from rigel_lab.cluster.releases import Release, Unavailable, Upstream
 
 #: The oldest toolchain that the go.mod files accept.
 GO_VERSION = (1, 26, 6)
@@ -64,7 +63,7 @@ class GoBuild:
     module_version: str = attrs.field(
         default=attrs.Factory(lambda self: self.version, takes_self=True)
     )
-    release: Published | None = None
+    release: Release | None = None
     title: str = attrs.field(
         default=attrs.Factory(lambda self: f"{self.name} {self.version}", takes_self=True)
     )
@@ -93,7 +92,7 @@ class GoBuild:
     def released(self) -> Path:
         """Where the cache keeps its programs when they were downloaded."""
         assert self.release
-        return place_of(self.release, self.name, self.version, self.in_release)
+        return self.release.place(self.name, self.version, self.in_release)
 
     def find(self, upstream: Upstream) -> Path | None:
         """Return the directory with its programs, None if the cache does not have them all."""
@@ -148,10 +147,7 @@ class GoBuild:
             raise Unavailable("")
         with locked(cache_dir() / f"{self.key()}.lock"):
             if not self.find(upstream):
-                place = self.released
-                upstream.fetch(
-                    self.release, self.in_release, place, title=self.title, report=report
-                )
+                upstream.fetch(self.release, self.in_release, self.released, self.title, report)
 
     def build(self, report: Report, why: str = "") -> None:
         """Build its programs into the cache, unless they are there.

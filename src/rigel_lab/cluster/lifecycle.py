@@ -29,7 +29,6 @@ from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
 from rigel_lab.cluster.machine import Machine
 from rigel_lab.cluster.node import node, write_resolv_conf
 from rigel_lab.cluster.registry import Made, offer, push_images
-from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.requirements import check_name, require_host, require_root
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.status import ClusterStatus, status_of
@@ -47,7 +46,6 @@ def up(
     layout: str | None = None,
     data_dir: str | None = None,
     made: Made = NOTHING_MADE,
-    mirror: str | None = None,
     report: Report = lambda _: None,
 ) -> ClusterStatus:
     """Start a cluster, or those parts of it that do not run, and return it.
@@ -61,8 +59,6 @@ def up(
         layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
         data_dir: k3s' data directory.
         made: images that others make for extras; used only with the extra.
-        mirror: the URL that replaces upstream's servers, "none" to compile everything; None: the
-            environment's.
         report: called with one line for each step.
 
     Raises:
@@ -74,16 +70,15 @@ def up(
     check_name(name)
     wish = Wish(nodes, extras, layout, data_dir)
     wish.check()
-    upstream = Upstream.of(mirror)
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # fails before anything is started
     with working_on(name):
-        state = load_or_create(name, wish, upstream, report)
+        state = load_or_create(name, wish, report)
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
         # Those of a recreated cluster, or of an interrupted `up`, are missing.
         asked = wish.extras or (() if state.offers else state.extras)
-        offer(state, asked, made, upstream, report)
+        offer(state, asked, made, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -112,27 +107,27 @@ def working_on(name: str) -> Iterator[None]:
         yield
 
 
-def load_or_create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
+def load_or_create(name: str, wish: Wish, report: Report) -> State:
     """Return the state of a cluster that can continue, or of a new one."""
     state = State.load(name)
     if not state:
-        return create(name, wish, upstream, report)
+        return create(name, wish, report)
     state.require_known()
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; recreating it")
         removal.remove(state, report)
-        return create(name, wish.complete_from(state), upstream, report)
+        return create(name, wish.complete_from(state), report)
     wish.compare(state)
     if not state.components.complete:
-        there = components.obtain(report, state.builds, upstream)
+        there = components.obtain(report, state.builds)
         state.components = state.components.replace_missing(there)
         state.save()
     return state
 
 
-def create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
+def create(name: str, wish: Wish, report: Report) -> State:
     """Return the state of a new cluster, with unused address ranges."""
-    parts = components.obtain(report, wish.builds, upstream)
+    parts = components.obtain(report, wish.builds)
     with shared.exclusive():
         others = [State.load(other) for other in paths.names()]
         state = State(

@@ -14,7 +14,6 @@ from rigel_lab.cluster import components, oci
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.extras import extra_images, list_offered
 from rigel_lab.cluster.layout import Layout
-from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.upstream import shorten_name
 
@@ -23,13 +22,11 @@ from rigel_lab.cluster.upstream import shorten_name
 Made = Mapping[str, Mapping[str, Callable[[], Path]]]
 
 
-def offer(
-    state: State, extras: Sequence[str], made: Made, upstream: Upstream, report: Report
-) -> None:
+def offer(state: State, extras: Sequence[str], made: Made, report: Report) -> None:
     """Put what a cluster does not offer yet into its registry, which keeps it."""
     offers = list_offered(extras)
     if not components.names(extras) <= state.components.go.keys():
-        parts = components.obtain(report, extras, upstream).go
+        parts = components.obtain(report, extras).go
         # The programs of a running cluster stay as they are, also for a newer rigel.
         state.components = attrs.evolve(state.components, go=parts | state.components.go)
         remember(state, extras, ())

@@ -1,43 +1,53 @@
-"""Programs that their projects release and that a cluster needs.
+"""Programs that their projects release, downloaded: each file matches its published checksum.
 
-This module defines how a project lays out its releases and which server or mirror has them. What is
-unreachable is compiled (`gobuild`).
+What is unreachable is compiled (`gobuild`).
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
+import re
 import shutil
+import ssl
 import tarfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TypeAlias
 from urllib.parse import urlsplit
 
 import attrs
+import urllib3
 
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.system.cache import cache_dir
 from rigel_k8s.system.oci import architecture
+from rigel_k8s.system.proxy import environment_proxy
+from rigel_k8s.system.tls import trust
 from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress
-from rigel_lab.cluster.download import Server, Unavailable
 
-#: The variable that names a mirror.
-MIRROR = "RIGEL_CLUSTER_MIRROR"
-#: Its value if nothing is to be downloaded.
-NO_MIRROR = "none"
-#: The media types of an image's manifest, for one machine or for several.
-MANIFESTS = ", ".join(
-    (
-        "application/vnd.oci.image.index.v1+json",
-        "application/vnd.oci.image.manifest.v1+json",
-        "application/vnd.docker.distribution.manifest.list.v2+json",
-        "application/vnd.docker.distribution.manifest.v2+json",
-    )
-)
+#: The variable that names a mirror, and its value if nothing is to be downloaded.
+MIRROR, NO_MIRROR = "RIGEL_CLUSTER_MIRROR", "none"
+REDIRECTIONS = 5
+#: Seconds to accept a connection.
+PATIENCE = 5
+#: Lists of checksums are short; longer ones are cut off.
+LONGEST = 1 << 20
+CHUNK = 1 << 18
+SHA256 = re.compile(r"[0-9a-fA-F]{64}")
+
+
+class Unavailable(Exception):
+    """A file cannot be downloaded; the text has the reason.
+
+    Attributes:
+        server: whether the whole server is unreachable, so that nothing else is requested from it.
+    """
+
+    def __init__(self, reason: str, *, server: bool = False) -> None:
+        super().__init__(reason)
+        self.server = server
 
 
 @attrs.frozen
@@ -54,12 +64,7 @@ class Release:
     archive: str = ""
     sums: str = "{file}.sha256"
 
-    @property
-    def origin(self) -> str:
-        """A URL on the server that has it."""
-        return self.directory
-
-    def files(self, wanted: Mapping[str, str]) -> list[str]:
+    def list_files(self, wanted: Mapping[str, str]) -> list[str]:
         """Return the files to download, for names there."""
         if self.archive:
             return [self.archive.format(arch=architecture())]
@@ -69,87 +74,11 @@ class Release:
         """Return the URL of a file."""
         return f"{self.directory.format(arch=architecture())}/{file}"
 
-    def bring(
-        self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
-    ) -> None:
-        """Download and check the wanted files."""
-        for file in self.files(wanted):
-            sums = upstream.locate(self.url(self.sums.format(file=file)))
-            expected = upstream.server.read_sum(sums, file)
-            progress.file = file
-            url = upstream.locate(self.url(file))
-            upstream.server.save(url, into / file, expected, progress.count)
-        if self.archive and (missing := unpack(into / file, wanted, into)):
-            raise Unavailable(f"{file} has no {', '.join(missing)}")
-
-
-@attrs.frozen
-class ReleasedImage:
-    """An image that a project publishes instead of programs; they are extracted from it.
-
-    Its upper layers are searched first; the lower ones, which belong to a distribution, are left
-    alone once everything is found. The tag is trusted as much as its registry's TLS certificate;
-    from there on everything has its digest.
-    """
-
-    registry: str
-    repository: str
-    tag: str
-
-    @property
-    def origin(self) -> str:
-        """A URL on the server that has it."""
-        return f"https://{self.registry}/v2/{self.repository}"
-
-    def bring(
-        self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
-    ) -> None:
-        """Download and check the wanted files."""
-        missing = dict(wanted)
-        for layer in reversed(self.layers(upstream)):
-            algorithm, _, digest = str(layer["digest"]).partition(":")
-            if algorithm != "sha256":
-                raise Unavailable(f"{self.repository}:{self.tag} has a layer of {algorithm}")
-            progress.file = f"layer {digest[:12]}"
-            url = upstream.locate(f"{self.origin}/blobs/sha256:{digest}")
-            upstream.server.save(url, into / digest, digest, progress.count)
-            missing = unpack(into / digest, missing, into)
-            if not missing:
-                return
-        raise Unavailable(f"{self.repository}:{self.tag} has no {', '.join(missing)}")
-
-    def layers(self, upstream: Upstream) -> list[dict[str, str]]:
-        """Return the layers for this machine, the lowest first."""
-        try:
-            index = json.loads(self.manifest(self.tag, upstream))
-            own = {"os": "linux", "architecture": architecture()}
-            for each in index.get("manifests", ()):
-                if own.items() <= each["platform"].items():
-                    text = self.manifest(each["digest"], upstream)
-                    if f"sha256:{hashlib.sha256(text).hexdigest()}" != each["digest"]:
-                        raise Unavailable(f"{self.repository}:{self.tag} does not match its digest")
-                    index = json.loads(text)
-                    break
-            return list(index["layers"])
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise Unavailable(
-                f"{self.repository}:{self.tag} is not an image for this machine"
-            ) from error
-
-    def manifest(self, name: str, upstream: Upstream) -> bytes:
-        """Return a manifest by its tag or digest."""
-        return upstream.server.read(upstream.locate(f"{self.origin}/manifests/{name}"), MANIFESTS)
-
-
-#: Where programs are published.
-Published: TypeAlias = Release | ReleasedImage
-
-
-def place_of(release: Published, name: str, version: str, wanted: Mapping[str, str]) -> Path:
-    """Return where the cache keeps released programs; never where compiled ones are."""
-    words = [repr(release), *(f"{k}={v}" for k, v in wanted.items())]
-    digest = hashlib.sha256(" ".join(words).encode()).hexdigest()[:12]
-    return cache_dir() / "released" / f"{name}-{version}-{architecture()}-{digest}"
+    def place(self, name: str, version: str, wanted: Mapping[str, str]) -> Path:
+        """Return where the cache keeps its programs; never where compiled ones are."""
+        words = [repr(self), *(f"{k}={v}" for k, v in wanted.items())]
+        digest = hashlib.sha256(" ".join(words).encode()).hexdigest()[:12]
+        return cache_dir() / "released" / f"{name}-{version}-{architecture()}-{digest}"
 
 
 @attrs.define
@@ -159,29 +88,27 @@ class Upstream:
     Attributes:
         mirror: the URL below which HOST/PATH replaces https://HOST/PATH; "" for upstream's own
             servers, NO_MIRROR for none.
-        server: the object that downloads.
+        silence: seconds that a server may send nothing.
         unreachable: server -> why nothing more is requested from it.
     """
 
     mirror: str = ""
-    server: Server = attrs.field(factory=Server)
+    silence: float = 10
     unreachable: dict[str, Unavailable] = attrs.field(factory=dict, init=False)
+    _authorities: ssl.SSLContext = attrs.field(factory=trust, init=False)
 
     @classmethod
-    def of(cls, mirror: str | None, environ: Mapping[str, str] = os.environ) -> Upstream:
-        """Return the servers to use; None: as the environment sets them.
+    def of(cls, environ: Mapping[str, str] = os.environ) -> Upstream:
+        """Return the servers to use, as the environment sets them.
 
         Raises:
             UserError: the mirror is not a URL.
         """
-        text = (environ.get(MIRROR, "") if mirror is None else mirror).rstrip("/")
-        parts = urlsplit(text)
-        if text not in ("", NO_MIRROR) and not (
-            parts.scheme in ("http", "https") and parts.hostname
-        ):
+        text = environ.get(MIRROR, "").rstrip("/")
+        if text not in ("", NO_MIRROR) and not re.match(r"https?://[^/]", text):
             raise UserError(
                 f"the mirror {text!r} is not a URL",
-                hint=f"--mirror or {MIRROR}: http://HOST:PORT/PATH, or `{NO_MIRROR}` to compile"
+                hint=f"set {MIRROR} to http://HOST:PORT/PATH, or to `{NO_MIRROR}` to compile"
                 " everything",
             )
         return cls(text)
@@ -195,18 +122,8 @@ class Upstream:
         """Return the URL from which a file of upstream's is downloaded."""
         return f"{self.mirror}/{url.removeprefix('https://')}" if self.mirror else url
 
-    def host(self, release: Published) -> str:
-        """Return the server of a release."""
-        return urlsplit(self.locate(release.origin)).netloc
-
     def fetch(
-        self,
-        release: Published,
-        wanted: Mapping[str, str],
-        place: Path,
-        *,
-        title: str,
-        report: Report,
+        self, release: Release, wanted: Mapping[str, str], place: Path, title: str, report: Report
     ) -> None:
         """Download programs into a directory, which appears when everything in it was checked.
 
@@ -219,14 +136,20 @@ class Upstream:
             Unavailable: it cannot be downloaded now.
             LocalClusterError: the file differs from what was published.
         """
-        host = self.host(release)
+        host = urlsplit(self.locate(release.directory)).netloc
         if host in self.unreachable:
             raise self.unreachable[host]
         work = place.with_name(f".{place.name}")
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
+        progress = Progress(title, host, report)
         try:
-            release.bring(wanted, work, self, Progress(title, host, report))
+            for file in release.list_files(wanted):
+                sums = release.url(release.sums.format(file=file))
+                expected = self.read_sum(self.locate(sums), file)
+                self.save(self.locate(release.url(file)), work / file, expected, progress)
+            if release.archive:
+                unpack(work / file, wanted, work)
             for name in wanted:
                 (work / name).chmod(0o755)
             work.rename(place)
@@ -237,6 +160,87 @@ class Upstream:
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
+    def read_sum(self, url: str, file: str) -> str:
+        """Return the SHA-256 sum that a published list of sums has for a file, in hexadecimal.
+
+        Raises:
+            Unavailable: the list cannot be read, or does not name the file.
+        """
+        with self.open(url) as answer:
+            text = answer.read(LONGEST).decode("utf-8", "replace")
+        if found := find_sum(text, file):
+            return found
+        raise Unavailable(f"{url} has no SHA-256 sum of {file}")
+
+    def save(self, url: str, path: Path, expected: str, progress: Progress) -> None:
+        """Download a file.
+
+        Raises:
+            Unavailable: it did not arrive, or not completely.
+            LocalClusterError: it does not match its sum.
+        """
+        digest, done = hashlib.sha256(), 0
+        with self.open(url) as answer, path.open("wb") as file:
+            total = int(answer.headers.get("Content-Length") or 0)
+            for chunk in answer.stream(CHUNK, decode_content=False):
+                file.write(chunk)
+                digest.update(chunk)
+                done += len(chunk)
+                progress.count(path.name, done, total)
+        if digest.hexdigest() != expected:
+            raise LocalClusterError(
+                f"{url} does not match its published checksum",
+                details=[f"expected  sha256 {expected}", f"received  sha256 {digest.hexdigest()}"],
+                hint=f"nothing was kept: try again later, or set {MIRROR}={NO_MIRROR}, which"
+                " compiles the programs",
+            )
+
+    @contextmanager
+    def open(self, url: str) -> Iterator[urllib3.BaseHTTPResponse]:
+        """Request a file and give its answer, whose body is still to be read.
+
+        Redirections never leave TLS: a sum that did not come over it proves nothing.
+
+        Raises:
+            Unavailable: it does not exist, or the connection breaks while it is read.
+        """
+        host = urlsplit(url).netloc
+        try:
+            request = self.connect(url).request(
+                "GET",
+                url,
+                headers={"User-Agent": "rigel", "Accept-Encoding": "identity"},
+                preload_content=False,
+                retries=urllib3.Retry(REDIRECTIONS, connect=0, read=0),
+                timeout=urllib3.Timeout(connect=PATIENCE, read=self.silence),
+            )
+            with closing(request) as answer:
+                steps = answer.retries.history if answer.retries else ()
+                plain = [step for step in steps if str(step.redirect_location).startswith("http:")]
+                if plain and url.startswith("https:"):
+                    raise Unavailable(f"{url} redirects from TLS to {plain[0].redirect_location}")
+                if answer.status != 200:
+                    raise Unavailable(f"{url}: HTTP {answer.status}")
+                yield answer
+        except urllib3.exceptions.HTTPError as error:
+            cause = getattr(error, "reason", None) or error
+            if isinstance(cause, urllib3.exceptions.ReadTimeoutError):
+                reason = f"{host} sent nothing for {self.silence:g} s"
+                raise Unavailable(reason, server=True) from error
+            if isinstance(cause, urllib3.exceptions.ProtocolError):
+                raise Unavailable(f"the connection to {url} broke") from error
+            if isinstance(cause, urllib3.exceptions.ResponseError):
+                raise Unavailable(f"{url} redirects without end") from error
+            reason = getattr(cause.__cause__, "strerror", None) or str(cause)
+            raise Unavailable(f"cannot reach {host} ({reason})", server=True) from error
+
+    def connect(self, url: str) -> urllib3.PoolManager:
+        """Return what sends requests: through the environment's proxy, if it has one."""
+        proxy = environment_proxy(urlsplit(url), os.environ)
+        if proxy:
+            return urllib3.ProxyManager(proxy, ssl_context=self._authorities)
+        return urllib3.PoolManager(ssl_context=self._authorities)
+
 
 @attrs.define
 class Progress:
@@ -245,11 +249,10 @@ class Progress:
     title: str
     host: str
     report: Report
-    file: str = ""
     begun: bool = False
     reported: float = attrs.field(factory=time.monotonic)
 
-    def count(self, done: int, total: int) -> None:
+    def count(self, file: str, done: int, total: int) -> None:
         """Note how many bytes have arrived, and of how many (0: unknown)."""
         if not self.begun:
             self.begun = True
@@ -257,18 +260,28 @@ class Progress:
         if time.monotonic() - self.reported > REPORT_EVERY:
             self.reported = time.monotonic()
             of = f" of {total / 1e6:.0f}" if total else ""
-            text = f"Downloading {self.title}: {self.file}, {done / 1e6:.0f}{of} MB"
-            self.report(StepProgress(text))
+            self.report(StepProgress(f"Downloading {self.title}: {file}, {done / 1e6:.0f}{of} MB"))
 
 
-def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> dict[str, str]:
+def find_sum(text: str, file: str) -> str:
+    """Return a file's sum from a list of them, "" if it is not in it.
+
+    A list has lines of a sum and a file, which may stand behind a directory or a `*`; a list of
+    one file may be its sum alone.
+    """
+    for line in text.splitlines():
+        words = line.split()
+        names = [word.lstrip("*").rsplit("/", 1)[-1] for word in words[1:]]
+        if words and SHA256.fullmatch(words[0]) and names in ([], [file]):
+            return words[0].lower()
+    return ""
+
+
+def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> None:
     """Replace an archive by the wanted files in it, whatever directory they are in there.
 
-    Returns:
-        The wanted files that are not in it.
-
     Raises:
-        Unavailable: it is not an archive.
+        Unavailable: it is not an archive, or does not have them all.
     """
     missing = {there: ours for ours, there in wanted.items()}
     try:
@@ -280,5 +293,6 @@ def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> dict[str, st
                         shutil.copyfileobj(tar.extractfile(member), file)  # type: ignore[arg-type]
     except (tarfile.TarError, EOFError, OSError) as error:
         raise Unavailable(f"{archive.name} cannot be unpacked: {error}") from error
+    if missing:
+        raise Unavailable(f"{archive.name} has no {', '.join(missing)}")
     archive.unlink()
-    return {ours: there for there, ours in missing.items()}

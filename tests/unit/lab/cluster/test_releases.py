@@ -6,17 +6,17 @@ import hashlib
 import os
 import socket
 import tarfile
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import attrs
 import pytest
+import urllib3
+from urllib3.util.retry import RequestHistory
 
 from rigel_k8s.errors import LocalClusterError, UserError
-from rigel_lab.cluster import components, download, releases
+from rigel_lab.cluster import components, releases
 from rigel_lab.cluster.components import (
     CONTAINERD,
     COREDNS,
@@ -25,23 +25,17 @@ from rigel_lab.cluster.components import (
     KUBERNETES,
     KUBERNETES_VERSION,
     LOCAL_PATH,
-    MULTUS,
     ON_REQUEST,
     PLUGINS,
 )
-from rigel_lab.cluster.download import Patience, Server, Unavailable, find_sum
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import NODE_EXPORTER, PROMETHEUS
-from rigel_lab.cluster.releases import Progress, Release, Upstream, place_of
+from rigel_lab.cluster.releases import Progress, Unavailable, Upstream, find_sum
 from tests.support.release_server import Fault, Releases
 
-FILES = [KUBERNETES, CONTAINERD, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
-IMAGES = [LOCAL_PATH, MULTUS]
-RELEASED = [*FILES, *IMAGES]
+RELEASED = [KUBERNETES, CONTAINERD, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
 KUBERNETES_FILES = f"dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/amd64"
 KUBELET = f"{KUBERNETES_FILES}/kubelet"
-#: Seconds; the server is on loopback.
-QUICK = Patience(connect=2, silence=0.3)
 
 
 def content(build: GoBuild) -> dict[str, bytes]:
@@ -72,7 +66,7 @@ def server(tmp_path: Path) -> Iterator[Releases]:
 @pytest.fixture
 def upstream(server: Releases) -> Upstream:
     """Downloads from the mirror, however busy this machine is."""
-    return Upstream(server.url, Server(Patience(connect=30, silence=30)))
+    return Upstream(server.url, silence=30)
 
 
 @pytest.fixture
@@ -142,8 +136,8 @@ def test_a_release_is_downloaded_and_checked(build: GoBuild, upstream: Upstream)
 )
 def test_upstreams_own_addresses(build: GoBuild, url: str, sums: str) -> None:
     """Where each project publishes: these are its addresses, not ours to choose."""
-    assert isinstance(build.release, Release)
-    file = build.release.files(build.in_release)[0]
+    assert build.release
+    file = build.release.list_files(build.in_release)[0]
     assert build.release.url(file) == f"https://{url}"
     assert build.release.sums.format(file=file) == sums.format(file)
 
@@ -161,25 +155,18 @@ def test_without_a_mirror_upstream_itself_is_asked() -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "variable", "mirror"),
-    [
-        (None, "", ""),
-        (None, "http://m:1/x/", "http://m:1/x"),
-        ("http://n", "http://m", "http://n"),
-        ("none", "http://m", "none"),
-        (None, "none", "none"),
-    ],
+    ("variable", "mirror"), [("", ""), ("http://m:1/x/", "http://m:1/x"), ("none", "none")]
 )
-def test_the_option_wins_over_the_variable(option: str | None, variable: str, mirror: str) -> None:
-    """--mirror, else RIGEL_CLUSTER_MIRROR, else upstream."""
-    assert Upstream.of(option, {"RIGEL_CLUSTER_MIRROR": variable}).mirror == mirror
+def test_the_variable_names_the_mirror(variable: str, mirror: str) -> None:
+    """RIGEL_CLUSTER_MIRROR, else upstream."""
+    assert Upstream.of({"RIGEL_CLUSTER_MIRROR": variable}).mirror == mirror
 
 
 @pytest.mark.parametrize("text", ["m", "ftp://m", "/srv/mirror", "http://"])
 def test_a_mirror_that_is_not_a_url(text: str) -> None:
     """A mirror that cannot be is refused before anything starts."""
     with pytest.raises(UserError, match="is not a URL"):
-        Upstream.of(text, {})
+        Upstream.of({"RIGEL_CLUSTER_MIRROR": text})
 
 
 def test_a_wrong_sum_is_an_error_and_nothing_is_kept(
@@ -194,7 +181,7 @@ def test_a_wrong_sum_is_an_error_and_nothing_is_kept(
     expected = hashlib.sha256(content(KUBERNETES)["kubelet"]).hexdigest()
     actual = hashlib.sha256(b"something else").hexdigest()
     assert [line.split()[-1] for line in caught.value.details] == [expected, actual]
-    assert "--from-source" in (caught.value.hint or "")
+    assert "RIGEL_CLUSTER_MIRROR=none" in (caught.value.hint or "")
     assert caught.value.exit_code == 1
     assert left_behind(cache) == []
     assert ("kubernetes", "") not in compiles
@@ -218,70 +205,50 @@ def test_a_file_that_does_not_come_whole(
 ) -> None:
     """It never counts, and its programs are compiled instead; the others are downloaded."""
     server.faults[KUBELET] = fault
-    patience = Patience(connect=30, silence=silence)
-    found = components.obtain(print, (), Upstream(server.url, Server(patience)))
+    found = components.obtain(print, (), Upstream(server.url, silence))
     reasons = dict(compiles)
     assert why in reasons.pop("kubernetes")
     assert not [file for file in left_behind(cache) if "kube" in file or "part" in file]
     if fault == "truncated":
         assert Path(found.go["coredns"]).exists()
-        assert not reasons
+        assert reasons == {"local-path-provisioner": ""}
 
 
 def test_a_server_that_is_not_there_is_asked_once(
     compiles: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One attempt for all programs of a server; the reason is told with each that is compiled."""
-    attempts: list[object] = []
-    connect = socket.create_connection
+    attempts: list[str] = []
+    connect = Upstream.connect
 
-    def count(address: tuple[str, int], *words: float) -> socket.socket:
-        attempts.append(address)
-        return connect(address, *words)
+    def count(self: Upstream, url: str) -> urllib3.PoolManager:
+        attempts.append(url)
+        return connect(self, url)
 
-    monkeypatch.setattr(download.socket, "create_connection", count)
+    monkeypatch.setattr(Upstream, "connect", count)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    components.obtain(print, ["multus"], Upstream(f"http://127.0.0.1:{port}", Server(QUICK)))
+    components.obtain(print, ["multus"], Upstream(f"http://127.0.0.1:{port}"))
     assert len(attempts) == 1
-    reason = "cannot reach 127.0.0.1 (Connection refused)"
+    reason = f"cannot reach 127.0.0.1:{port} (Connection refused)"
     assert ("kubernetes", reason) in compiles
     assert ("coredns", reason) in compiles
     assert ("cni-plugins", reason) in compiles
-
-
-def test_a_name_server_that_hangs_costs_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Resolving a name has no time-out of its own."""
-
-    over = threading.Event()
-
-    def hang(*words: object) -> socket.socket:
-        over.wait(120)
-        raise socket.gaierror
-
-    monkeypatch.setattr(download.socket, "create_connection", hang)
-    try:
-        start = time.monotonic()
-        with pytest.raises(Unavailable, match=r"cannot reach dl.k8s.io \(no connection within"):
-            Server(Patience(connect=0.05)).read_sum("https://dl.k8s.io/x.sha256", "x")
-        assert time.monotonic() - start < 60
-    finally:
-        over.set()
 
 
 def test_a_proxy_is_used(server: Releases, monkeypatch: pytest.MonkeyPatch) -> None:
     """What only a proxy can reach is asked of it, and its name is not looked up here."""
     monkeypatch.setenv("http_proxy", server.url)
     with pytest.raises(Unavailable, match=r"no\.such\.host/x: HTTP 404"):
-        Server(Patience()).read("http://no.such.host/x")
+        Upstream().read_sum("http://no.such.host/x", "x")
     assert server.asked == ["http://no.such.host/x"]
 
 
 def test_a_proxy_that_cannot_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs are compiled: Go's own tools may be able to use it."""
     monkeypatch.setenv("https_proxy", "socks5://proxy:1080")
-    with pytest.raises(Unavailable, match=r"socks5://proxy is not supported"):
-        Server(QUICK).read("https://no.such.host/x")
+    with pytest.raises(Unavailable, match=r"socks5"):
+        Upstream().read_sum("https://no.such.host/x", "x")
 
 
 def test_what_is_not_released_for_this_machine(server: Releases, upstream: Upstream) -> None:
@@ -293,63 +260,52 @@ def test_what_is_not_released_for_this_machine(server: Releases, upstream: Upstr
     assert COREDNS.find(upstream)
 
 
+def test_releases_are_redirected(server: Releases, upstream: Upstream) -> None:
+    """Release hosts keep their files elsewhere, and say so."""
+    server.faults[KUBELET] = "moved"
+    KUBERNETES.fetch(upstream, print)
+    assert f"/{KUBELET}?moved" in server.asked
+
+
 @attrs.define
-class Answer:
-    """What a server answers: the file, or where it is."""
+class Redirected:
+    """A pool whose answers come after redirections."""
 
-    location: str | None
-    status: int = 200
-    headers: dict[str, str] = attrs.field(factory=dict)
+    places: tuple[str, ...]
 
-    def get_redirect_location(self) -> str | None:
-        return self.location
-
-    def read(self, most: int) -> bytes:
-        return ONE.encode()
-
-
-def redirect(monkeypatch: pytest.MonkeyPatch, places: dict[str, str | None]) -> None:
-    """Let servers answer with redirections."""
-
-    @contextmanager
-    def ask(self: Server, url: str, headers: object) -> Iterator[Answer]:
-        yield Answer(places[url])
-
-    monkeypatch.setattr(Server, "ask", ask)
+    def request(self, *_: object, **__: object) -> urllib3.HTTPResponse:
+        """Answer with the sum that is expected."""
+        history = tuple(RequestHistory("GET", None, None, 302, place) for place in self.places)
+        retries = urllib3.Retry(history=history)
+        body = BytesIO(ONE.encode())
+        return urllib3.HTTPResponse(body, status=200, retries=retries, preload_content=False)
 
 
-def test_releases_are_redirected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Release hosts keep their files elsewhere, and say so by a full or a short address."""
-    places = {"https://a/x": "https://b/y?z", "https://b/y?z": "/w", "https://b/w": None}
-    redirect(monkeypatch, places)
-    assert Server().read_sum("https://a/x", "x") == ONE
+def test_a_sum_that_did_not_come_over_tls_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that did counts, wherever it was."""
+    places: tuple[str, ...] = ("https://b/y", "/w")
+    monkeypatch.setattr(Upstream, "connect", lambda self, url: Redirected(places))
+    assert Upstream().read_sum("https://a/x", "x") == ONE
+    places = ("https://b/y", "http://b/y", "https://c/y")
+    with pytest.raises(Unavailable, match="redirects from TLS to http://b/y"):
+        Upstream().read_sum("https://a/x", "x")
 
 
-@pytest.mark.parametrize(
-    ("places", "why"),
-    [
-        ({"https://a/x": "http://a/x", "http://a/x": None}, "redirects from TLS"),
-        ({"https://a/x": "https://a/x"}, "without end"),
-    ],
-)
-def test_redirections_that_are_not_followed(
-    monkeypatch: pytest.MonkeyPatch, places: dict[str, str | None], why: str
-) -> None:
-    """A sum that did not come over TLS proves nothing."""
-    redirect(monkeypatch, places)
-    with pytest.raises(Unavailable, match=why):
-        Server().read_sum("https://a/x", "x")
+def test_redirections_without_end(server: Releases, upstream: Upstream) -> None:
+    """They end after a few, and the programs are compiled."""
+    server.faults[KUBELET] = server.faults[f"{KUBELET}?moved"] = "moved"
+    with pytest.raises(Unavailable, match="redirects without end"):
+        KUBERNETES.fetch(upstream, print)
 
 
 def test_an_archive_that_lacks_a_program(server: Releases, upstream: Upstream, cache: Path) -> None:
     """A release of another content is compiled, and not used in part."""
-    for build, gone in ((PLUGINS, "macvlan"), (MULTUS, "multus-shim")):
-        assert build.release
-        some = content(build)
-        del some[gone]
-        server.publish(build.release, some)
-        with pytest.raises(Unavailable, match=rf"v{build.version}\S* has no {gone}"):
-            build.fetch(upstream, print)
+    assert PLUGINS.release
+    some = content(PLUGINS)
+    del some["macvlan"]
+    server.publish(PLUGINS.release, some)
+    with pytest.raises(Unavailable, match=rf"v{PLUGINS.version}\S* has no macvlan"):
+        PLUGINS.fetch(upstream, print)
     assert left_behind(cache) == []
 
 
@@ -376,6 +332,7 @@ def test_programs_that_are_there_are_not_downloaded_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The second `up` asks no server for what the first one downloaded, and compiles nothing."""
+    LOCAL_PATH.directory.mkdir(parents=True)  # which was compiled
     first = components.obtain(print, (), upstream)
     monkeypatch.setattr(components, "find_missing_packages", list)
     monkeypatch.setattr(components, "provide", lambda *words: pytest.fail("all is there"))
@@ -388,16 +345,6 @@ def test_who_waited_for_another_download_uses_it(server: Releases, upstream: Ups
     asked = len(server.asked)
     COREDNS.fetch(upstream, print)
     assert len(server.asked) == asked > 0
-
-
-def test_a_part_of_a_file_does_not_stay(server: Releases, tmp_path: Path) -> None:
-    """Neither under its name nor under another."""
-    server.faults[KUBELET] = "truncated"
-    target = tmp_path / "target"
-    target.mkdir()
-    with pytest.raises(Unavailable, match="kubelet broke"):
-        Server(QUICK).save(f"{server.url}/{KUBELET}", target / "kubelet", ONE, lambda *_: None)
-    assert list(target.iterdir()) == []
 
 
 def test_what_a_download_left_does_not_count(upstream: Upstream, cache: Path) -> None:
@@ -443,10 +390,10 @@ def test_another_release_is_another_directory() -> None:
     assert PLUGINS.release
     wanted = PLUGINS.in_release
     places = {
-        place_of(PLUGINS.release, "a", "1", wanted),
-        place_of(PLUGINS.release, "a", "2", wanted),
-        place_of(PLUGINS.release, "a", "1", {"bridge": "bridge"}),
-        place_of(attrs.evolve(PLUGINS.release, archive="b"), "a", "1", wanted),
+        PLUGINS.release.place("a", "1", wanted),
+        PLUGINS.release.place("a", "2", wanted),
+        PLUGINS.release.place("a", "1", {"bridge": "bridge"}),
+        attrs.evolve(PLUGINS.release, archive="b").place("a", "1", wanted),
     }
     assert len(places) == 4
 
@@ -475,9 +422,9 @@ def test_a_long_download_reports_how_far_it_is(monkeypatch: pytest.MonkeyPatch) 
     """Once when the server sends something, and then in megabytes, now and then."""
     monkeypatch.setattr(releases, "REPORT_EVERY", -1)
     lines: list[str] = []
-    progress = Progress("x", "dl.k8s.io", lines.append, "kubelet")
-    progress.count(12_000_000, 57_000_000)
-    progress.count(12_000_000, 0)
+    progress = Progress("x", "dl.k8s.io", lines.append)
+    progress.count("kubelet", 12_000_000, 57_000_000)
+    progress.count("kubelet", 12_000_000, 0)
     assert lines == [
         "Downloading x from dl.k8s.io",
         "Downloading x: kubelet, 12 of 57 MB",
@@ -506,53 +453,6 @@ ONE, OTHER = "a" * 64, "B" * 64
 def test_lists_of_sums(text: str, expected: str) -> None:
     """Kubernetes publishes a sum alone, others lists as `sha256sum` prints them."""
     assert find_sum(text, "f.tgz") == expected
-
-
-def test_a_registry_that_wants_a_token(server: Releases, upstream: Upstream) -> None:
-    """Public registries give one to anonymous users."""
-    server.logins = True
-    (server.root / "token").write_text('{"token": "t"}')
-    LOCAL_PATH.fetch(upstream, print)
-    assert "/token?service=images" in server.asked
-    assert Path(LOCAL_PATH.programs(upstream)["local-path-provisioner"]).exists()
-
-
-def test_a_registry_that_gives_no_token(server: Releases, upstream: Upstream) -> None:
-    """What it keeps for itself is compiled."""
-    server.logins = True
-    (server.root / "token").write_text("no")
-    with pytest.raises(Unavailable, match="gives no token"):
-        LOCAL_PATH.fetch(upstream, print)
-
-
-def test_only_the_layers_that_are_needed_are_downloaded(
-    server: Releases, upstream: Upstream
-) -> None:
-    """Below the programs is a distribution, which may be large."""
-    LOCAL_PATH.fetch(upstream, print)
-    assert len([path for path in server.asked if "/blobs/" in path]) == 1
-
-
-@pytest.mark.parametrize("kind", ["blobs", "manifests"])
-def test_an_image_that_is_not_what_its_digest_says(
-    server: Releases, upstream: Upstream, cache: Path, kind: str
-) -> None:
-    """Nothing of it is used."""
-    assert LOCAL_PATH.release
-    for file in (server.path(LOCAL_PATH.release.origin) / kind).glob("sha256:*"):
-        file.write_bytes(file.read_bytes() + b" ")
-    with pytest.raises((LocalClusterError, Unavailable), match=r"does not match"):
-        LOCAL_PATH.fetch(upstream, print)
-    assert left_behind(cache) == []
-
-
-def test_an_image_for_other_machines(
-    server: Releases, upstream: Upstream, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its programs are compiled."""
-    monkeypatch.setattr(releases, "architecture", lambda: "riscv64")
-    with pytest.raises(Unavailable, match="is not an image for this machine"):
-        LOCAL_PATH.fetch(upstream, print)
 
 
 def test_a_list_without_the_file(server: Releases, upstream: Upstream) -> None:

@@ -10,7 +10,6 @@ import pytest
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_lab.cluster import lifecycle, paths, removal
 from rigel_lab.cluster.components import Components
-from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.state import State, find
 from rigel_lab.cluster.wish import Wish
 
@@ -61,7 +60,7 @@ def test_a_cluster_of_a_newer_rigel_is_left_alone(
     with pytest.raises(LocalClusterError, match=r"made by a newer rigel-k8s.* moons"):
         lifecycle.down("a")
     with pytest.raises(LocalClusterError, match="newer"):
-        lifecycle.load_or_create("a", Wish(), Upstream(), print)
+        lifecycle.load_or_create("a", Wish(), print)
     find("a").save()
     assert json.loads(path.read_text()) == before
     assert find("a").newer == {"moons": ["io"]}

@@ -23,7 +23,7 @@ from typing import Any, Awaitable, Iterator
 from rigel_gate.calls import Answer, Call
 from rigel_gate.cluster import ClusterObject, NotKept, Overtaken
 from rigel_gate.gate import Gate
-from rigel_gate.http import Door, HttpLinks
+from rigel_gate.http import LARGEST_HEAD, Door, HttpLinks
 from rigel_gate.memory import Journal, compress, decompress
 from rigel_gate.state import Event, State
 
@@ -167,8 +167,8 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
         return gate.answer(call, hands_over=hands_over, host=host)
 
     for door, hands_over in zip(sockets, (False, True)):
-        made = partial(Door, partial(answering, hands_over=hands_over), callers)
-        await loop.create_server(made, sock=door)
+        answer = partial(answering, hands_over=hands_over)
+        await asyncio.start_server(Door(answer, callers).serve, sock=door, limit=LARGEST_HEAD)
     saving = asyncio.ensure_future(keeper.run())
     await ended.wait()
     saving.cancel()

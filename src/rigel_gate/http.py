@@ -30,8 +30,12 @@ T = TypeVar("T")
 Answering = Callable[[Call, str], Awaitable[Answer]]
 
 
-class Door(asyncio.Protocol):
-    """One connection of a caller: requests one after the other.
+class BadRequest(Exception):
+    """A request that is answered without a call, and ends its connection; the status."""
+
+
+class Door:
+    """Answers the calls of callers: of each connection one after the other.
 
     It reads no further while a call is answered or answers wait to be read.
 
@@ -42,136 +46,93 @@ class Door(asyncio.Protocol):
     def __init__(self, answering: Answering, callers: Counter[str]) -> None:
         self._answering = answering
         self._callers = callers
-        self._data = bytearray()
-        self._busy = False
-        self._full = False  # whether the caller does not read its answers
-        self._host = ""
-        self._task: asyncio.Task[None] | None = None
-        self._transport: asyncio.Transport | None = None
-        self._ending: asyncio.TimerHandle | None = None
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Remember where to send answers."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        peer = transport.get_extra_info("peername") or ("",)  # empty if it is closed already
-        self._host = peer[0]
-        self._callers[self._host] += 1
-        if self._callers[self._host] > MOST_OF_ONE:
-            transport.abort()
-        self._wait()
-
-    def connection_lost(self, error: Exception | None) -> None:
-        """Stop answering; a call in progress is still carried out."""
-        self._transport = None
-        self._callers[self._host] -= 1
-        if not self._callers[self._host]:
-            del self._callers[self._host]
-        if self._ending:
-            self._ending.cancel()
-
-    def data_received(self, data: bytes) -> None:
-        """Collect the data, and answer when a request is complete."""
-        self._data += data
-        self._next()
-
-    def pause_writing(self) -> None:
-        """Answer nothing more until the caller has read its answers."""
-        self._full = True
-
-    def resume_writing(self) -> None:
-        """Go on: the caller has read them."""
-        self._full = False
-        self._next()
-
-    def _wait(self) -> None:
-        """Give the caller its time until the next complete request."""
-        assert self._transport is not None
-        if self._ending:
-            self._ending.cancel()
-        self._ending = asyncio.get_running_loop().call_later(IDLE, self._transport.abort)
-
-    def _next(self) -> None:
-        """Answer the next request if it is complete; read on if it is not."""
-        if self._busy or self._full or self._transport is None:
-            return
-        self._transport.resume_reading()
-        end = self._data.find(b"\r\n\r\n")
-        if end < 0:
-            if len(self._data) > LARGEST_HEAD:
-                self._refuse("431 Request Header Fields Too Large")
-            return
-        head = self._data[:end].decode("latin-1")
-        if head.startswith(READY):
-            self._refuse("200 OK")
-            return
-        length = length_of(head)
-        if not head.startswith("POST ") or length is None or length > LARGEST_BODY:
-            self._refuse("501 Unsupported method" if length is not None else "411 Length Required")
-            return
-        if len(self._data) < end + 4 + length:
-            return
-        body = bytes(self._data[end + 4 : end + 4 + length])
-        del self._data[: end + 4 + length]
-        self._busy = True
-        self._transport.pause_reading()
-        assert self._ending is not None
-        self._ending.cancel()
-        self._task = asyncio.ensure_future(self._answer(body, stays=stays_open(head)))
-
-    async def _answer(self, body: bytes, *, stays: bool) -> None:
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer until either side ends the connection; a call in progress is carried out."""
+        host = (writer.get_extra_info("peername") or ("",))[0]  # None if it is closed already
+        self._callers[host] += 1
         try:
-            text = (await self._answering(Call.read(body), self._host)).body
-        except BadCall as error:
-            text = fault(str(error)).body
-        except Exception as error:
-            text = fault(f"the gate failed: {error!r}").body
-        self._busy = False
-        if self._transport is not None:
+            if self._callers[host] <= MOST_OF_ONE:
+                await self._answer_calls(host, reader, writer)
+        except (EOFError, OSError):
+            pass  # the caller has ended it
+        finally:
+            self._callers[host] -= 1
+            if not self._callers[host]:
+                del self._callers[host]
+            writer.close()
+            if writer.transport.get_write_buffer_size():
+                _limit(writer)
+
+    async def _answer_calls(
+        self, host: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        stays = True
+        while stays:
+            ending = _limit(writer)
+            try:
+                await writer.drain()
+                stays, body = await _read_request(reader)
+            except BadRequest as refusal:
+                writer.write(
+                    f"HTTP/1.1 {refusal}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode()
+                )
+                return
+            finally:
+                ending.cancel()
+            text = await self._answer(body, host)
             more = "" if stays else "Connection: close\r\n"
             head = f"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\n{more}"
-            self._transport.write(f"{head}Content-Length: {len(text)}\r\n\r\n".encode() + text)
-            self._wait()
-            if not stays:
-                self._transport.close()
-                return
-        self._next()
+            writer.write(f"{head}Content-Length: {len(text)}\r\n\r\n".encode() + text)
 
-    def _refuse(self, status: str) -> None:
-        """Answer without a call, and end the connection."""
-        assert self._transport is not None
-        self._transport.write(
-            f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode()
-        )
-        self._transport.close()
+    async def _answer(self, body: bytes, host: str) -> bytes:
+        try:
+            return (await self._answering(Call.read(body), host)).body
+        except BadCall as error:
+            return fault(str(error)).body
+        except Exception as error:
+            return fault(f"the gate failed: {error!r}").body
 
 
-def length_of(head: str) -> int | None:
-    """Return the length of a head's body, 0 if it gives none, None if it is not a number."""
-    value = field_of(head, "content-length")
-    if value is None:
-        return 0
+def _limit(writer: asyncio.StreamWriter) -> asyncio.TimerHandle:
+    """End a connection after IDLE."""
+    return asyncio.get_running_loop().call_later(IDLE, writer.transport.abort)
+
+
+async def _read_request(reader: asyncio.StreamReader) -> tuple[bool, bytes]:
+    """Return (whether the connection stays open, the body); raises BadRequest, EOFError."""
+    try:
+        first, fields = await _read_head(reader)
+    except asyncio.LimitOverrunError as error:
+        raise BadRequest("431 Request Header Fields Too Large") from error
+    if first.startswith(READY):
+        raise BadRequest("200 OK")
+    length = _length_of(fields)
+    if length is None:
+        raise BadRequest("411 Length Required")
+    if not first.startswith("POST ") or length > LARGEST_BODY:
+        raise BadRequest("501 Unsupported method")
+    return _stays_open(first, fields), await reader.readexactly(length)
+
+
+async def _read_head(reader: asyncio.StreamReader) -> tuple[str, dict[str, str]]:
+    """Return (the first line, fields by their names in lower case) of a request or an answer."""
+    raw = await reader.readuntil(b"\r\n\r\n")
+    first, *lines = raw[:-4].decode("latin-1").split("\r\n")
+    pairs = (line.partition(":") for line in lines)
+    return first, {name.strip().lower(): value.strip() for name, _, value in pairs}
+
+
+def _length_of(fields: dict[str, str]) -> int | None:
+    """Return the length of a body, 0 if its head gives none, None if it is not a number."""
+    value = fields.get("content-length", "0")
     return int(value) if value.isascii() and value.isdigit() and len(value) < 20 else None
 
 
-def field_of(head: str, wanted: str) -> str | None:
-    """Return a field of a head by its name in lower case, None if it is missing."""
-    for line in head.split("\r\n")[1:]:
-        name, _, value = line.partition(":")
-        if name.strip().lower() == wanted:
-            return value.strip()
-    return None
-
-
-def stays_open(head: str) -> bool:
+def _stays_open(first: str, fields: dict[str, str]) -> bool:
     """Return whether a connection stays open after the answer."""
-    first, _, rest = head.lower().partition("\r\n")
-    words = [
-        line.partition(":")[2] for line in rest.split("\r\n") if line.startswith("connection:")
-    ]
-    return "close" not in "".join(words) and (
-        first.endswith("http/1.1") or "keep-alive" in "".join(words)
-    )
+    wish = fields.get("connection", "").lower()
+    return "close" not in wish and ("HTTP/1.1" in first or "keep-alive" in wish)
 
 
 class Refused(EOFError):
@@ -204,21 +165,18 @@ class Connection:
         head = f"POST / HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/xml\r\n"
         self._writer.write(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
         try:
-            raw = await self._reader.readuntil(b"\r\n\r\n")
+            first, fields = await _read_head(self._reader)
         except asyncio.LimitOverrunError as error:
             raise Refused("with an endless head") from error
-        answer_head = raw[:-4].decode("latin-1")
-        if " 200" not in answer_head.partition("\r\n")[0]:
-            raise Refused(answer_head.partition("\r\n")[0])
-        self.server = field_of(answer_head, "server") or ""
-        length = length_of(answer_head)
+        if " 200" not in first:
+            raise Refused(first)
+        self.server = fields.get("server", "")
+        length = _length_of(fields)
         if not length:
             raise EOFError("an answer without a length")
         if length > largest:
             raise Refused(f"with {length} bytes")
-        first, _, rest = answer_head.partition("\r\n")
-        stays = stays_open(f"POST / {first.split()[0]}\r\n{rest}")
-        return await self._reader.readexactly(length), stays
+        return await self._reader.readexactly(length), _stays_open(first, fields)
 
     async def until_it_ends(self) -> None:
         """Return when the other side closes; nothing is sent meanwhile."""

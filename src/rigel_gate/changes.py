@@ -83,7 +83,6 @@ class Changes:
                     answer = await self._master.call(call, partial(self._nodes.settle, one))
                     if answer.is_success and not self._state.registry.has(one):
                         self._context.note("register", *one, hands_over)
-                        self._newcomers.send_publishers(one)
                     return answer
             await self._master.until_ready()  # and look again: much may change meanwhile
         return await self._newcomers.answer(one)
@@ -104,7 +103,6 @@ class Changes:
             answer = await self._master.call(call, partial(self._nodes.settle, removal))
             if answer.is_success:
                 self._context.note("unregister", *removal)
-                self._newcomers.send_publishers(removal)
             if self._state.registry.api_of(removal.node) is None:
                 self._context.spawn(self._takeover.give_free(removal.node))
             return answer

@@ -139,7 +139,6 @@ class Gate:
             try:
                 self._takeover.look_around()
                 self._nodes.send_again()
-                self._nodes.forget_gone()
                 self._takeover.forget_pods()
                 await self._restoring.look_around()
             except Exception as error:  # a failure here must not end all hand-overs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Container, Iterator
+from typing import Iterator
 
 from rigel_gate.calls import Removal
 from rigel_gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration, host_of
@@ -76,32 +76,18 @@ def list_removals(state: State, node: str) -> frozenset[Removal]:
     )
 
 
-def list_publishers(state: State, topic: str) -> list[str]:
-    """Return the URIs of a topic's publishers."""
-    return [one.api for one in state.registry.find(PUBLISHER, topic)]
-
-
-def list_heard(state: State, topic: str, api: str, tolerant: Container[str] = ()) -> list[str]:
+def list_heard(state: State, topic: str, api: str) -> list[str]:
     """Return the URIs of the publishers of a topic that a node may receive.
 
-    A newcomer receives the other ends of its bonds and, if it is warm, those publishers that do not
-    drop the old node for it.
-
-    Args:
-        tolerant: publishers that send to several subscribers of one name, as roscpp's do. rospy's
-            close the connection to the subscriber that they have when another one connects.
+    A newcomer receives only the other ends of its bonds.
     """
-    known = list_publishers(state, topic)
     newcomer = find_waiting(state, api)
     if newcomer is None:
-        return known
-    bonds = []
-    if has_bond(newcomer, topic):
-        waiting = [
-            one.registrations.get((PUBLISHER, topic)) for one in state.newcomers_at(host_of(api))
-        ]
-        bonds = [one.api for one in waiting if one]
-    return bonds + [one for one in known if one in tolerant and is_warm(state, newcomer.host)]
+        return [one.api for one in state.registry.find(PUBLISHER, topic)]
+    if not has_bond(newcomer, topic):
+        return []
+    ends = [one.registrations.get((PUBLISHER, topic)) for one in state.newcomers_at(newcomer.host)]
+    return [one.api for one in ends if one]
 
 
 def find_waiting(state: State, api: str) -> Newcomer | None:
@@ -115,12 +101,6 @@ def has_bond(newcomer: Newcomer, topic: str) -> bool:
     """Return whether a newcomer subscribes to a topic of bonds."""
     one = newcomer.registrations.get((SUBSCRIBER, topic))
     return one is not None and one.detail == BOND
-
-
-def is_warm(state: State, host: str) -> bool:
-    """Return whether the nodes of a pod get publishers before they have their names."""
-    pod = state.pods.get(host)
-    return pod is not None and pod.warm
 
 
 def find_own_service(state: State, key: str, host: str) -> str | None:

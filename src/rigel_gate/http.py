@@ -8,7 +8,7 @@ import re
 import time
 from typing import Awaitable, Callable, Counter, TypeVar
 
-from rigel_gate.calls import GATE, Answer, BadCall, Call, fault
+from rigel_gate.calls import Answer, BadCall, Call, fault
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
 
 #: Bytes of a head, and of a body, above which a connection is closed.
@@ -140,16 +140,11 @@ class Refused(EOFError):
 
 
 class Connection:
-    """A kept connection to an XML-RPC server.
-
-    Attributes:
-        server: the program that answers, as it calls itself; "" before the first answer.
-    """
+    """A kept connection to an XML-RPC server."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
-        self.server = ""
 
     @classmethod
     async def open(cls, host: str, port: int) -> Connection:
@@ -170,7 +165,6 @@ class Connection:
             raise Refused("with an endless head") from error
         if " 200" not in first:
             raise Refused(first)
-        self.server = fields.get("server", "")
         length = _length_of(fields)
         if not length:
             raise EOFError("an answer without a length")
@@ -235,21 +229,15 @@ class HttpLinks:
 
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         """Call a node once; raises NodeGone and NodeSilent."""
-        return (await self._call_node(api, call, seconds))[0]
 
-    async def server(self, api: str, seconds: float) -> str:
-        """Return the program that serves a node's API, as HTTP names it; raises as `node`."""
-        return (await self._call_node(api, Call("getPid", (GATE,)), seconds))[1]
-
-    async def _call_node(self, api: str, call: Call, seconds: float) -> tuple[Answer, str]:
-        async def ask() -> tuple[Answer, str]:
+        async def ask() -> Answer:
             host, port = place_of(api)
             connection = await Connection.open(host, port)
             try:
                 body, _ = await connection.call(f"{host}:{port}", call.body, LARGEST_OF_NODE)
             finally:
                 connection.close()
-            return Answer(body=body), connection.server
+            return Answer(body=body)
 
         return await _in_time(ask(), seconds)
 

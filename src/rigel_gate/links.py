@@ -31,9 +31,6 @@ class Links(Protocol):
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         """Call a node; raises NodeGone and NodeSilent."""
 
-    async def server(self, api: str, seconds: float) -> str:
-        """Return the program that serves a node's API, as HTTP names it; raises as `node`."""
-
     async def connect(self, api: str, seconds: float) -> None:
         """Return when a node's address accepts a connection; raises NodeGone and NodeSilent."""
 

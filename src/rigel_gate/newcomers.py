@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from rigel_gate.calls import Answer, Call, Removal
 from rigel_gate.context import Context
-from rigel_gate.handover import has_bond, is_warm, list_heard
+from rigel_gate.handover import has_bond, list_heard
 from rigel_gate.master import Master
 from rigel_gate.nodes import Nodes
 from rigel_gate.parameters import split
@@ -78,28 +78,10 @@ class Newcomers:
             return Answer.good(f"Registered [{one.node}] as provider of [{one.key}]", 1)
         if one.kind == SUBSCRIBER:
             known = list_heard(self._state, one.key, one.api)
-            if is_warm(self._state, one.host):
-                self._nodes.send_publishers(one.api, one.key)
             return Answer.good(f"Subscribed to [{one.key}]", known)
         found = (await self._master.ask(Call("getParam", (one.node, one.key)))).result
         message = f"Subscribed to parameter [{one.key}]"
         return Answer.good(message, {} if found is None else found)
-
-    def warm_up(self, host: str) -> None:
-        """Send the newcomers at an address their publishers, if their pod is warm."""
-        if is_warm(self._state, host):
-            for newcomer in self._state.newcomers_at(host):
-                for one in newcomer.registrations.values():
-                    if one.kind == SUBSCRIBER:
-                        self._nodes.send_publishers(one.api, one.key)
-
-    def send_publishers(self, changed: Registration | Removal) -> None:
-        """Send the newcomers of warm pods a topic's publishers, if these have changed."""
-        if changed.kind == PUBLISHER:
-            for newcomer in self._state.newcomers.values():
-                has = (SUBSCRIBER, changed.key) in newcomer.registrations
-                if has and is_warm(self._state, newcomer.host):
-                    self._nodes.send_publishers(newcomer.api, changed.key)
 
     def send_parameter(self, key: str) -> None:
         """Send a changed parameter to newcomers that have subscribed to it."""

@@ -13,7 +13,7 @@ from typing import Any, Tuple
 
 from rigel_gate.calls import GATE, Call, Removal
 from rigel_gate.context import Context
-from rigel_gate.handover import find_waiting, list_heard, list_publishers
+from rigel_gate.handover import list_heard
 from rigel_gate.links import NodeGone, NodeSilent
 from rigel_gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registration
 
@@ -25,8 +25,6 @@ SETTLE = 0.5
 STOP, STOP_LOOK, STOP_PAUSE = 1.0, 0.03, 0.01
 #: What nodes are sent: the publishers of a topic, the value of a parameter.
 PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
-#: What the HTTP server of roscpp's nodes is called.
-ROSCPP = "XMLRPC++"
 #: The caller's name, as nodes see it; masters have none.
 MASTER = "/master"
 #: A call of a node: its URI, the method, the topic or parameter.
@@ -42,7 +40,6 @@ class Nodes:
         self._under_way: dict[Target, asyncio.Future[None]] = {}
         self._again: set[Target] = set()  # those in progress that must be made again
         self._unsent: dict[Target, float] = {}  # those that failed, and when to try again
-        self._tolerant: set[str] = set()  # publishers known to be roscpp's; see list_heard
 
     # -- whether they are there --
 
@@ -115,11 +112,6 @@ class Nodes:
             elif due <= self._context.links.now():
                 self._send(target)
 
-    def forget_gone(self) -> None:
-        """Forget the client libraries of publishers that have ended: others may get their URIs."""
-        if self._tolerant:
-            self._tolerant &= {one.api for one in self._state.registry.nodes.values()}
-
     async def settle(self, changed: Registration | Removal) -> None:
         """Wait before a topic's publishers change until nodes have got the list as it is.
 
@@ -148,8 +140,6 @@ class Nodes:
 
     async def _deliver(self, target: Target) -> None:
         api, method, key = target
-        if method == PUBLISHERS and find_waiting(self._state, api) is not None:
-            await asyncio.gather(*map(self._learn, list_publishers(self._state, key)))
         value = self._read(target)
         try:
             await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
@@ -174,20 +164,9 @@ class Nodes:
         if again:
             self._send(target)
 
-    async def _learn(self, api: str) -> None:
-        """Find out whether a publisher uses roscpp."""
-        if api in self._tolerant:
-            return
-        try:
-            server = await self._context.links.server(api, PATIENCE)
-        except (NodeGone, NodeSilent):
-            return
-        if server.startswith(ROSCPP):
-            self._tolerant.add(api)
-
     def _read(self, target: Target) -> Any:
         """Return what to send to a node."""
         api, method, key = target
         if method == PUBLISHERS:
-            return list_heard(self._state, key, api, self._tolerant)
+            return list_heard(self._state, key, api)
         return self._state.parameters.get(key)

@@ -22,13 +22,11 @@ class GatePod(NamedTuple):
         host: the address that its nodes advertise.
         name: the pod's name.
         workload: the Deployment that it belongs to.
-        warm: its nodes get publishers before they have their names.
     """
 
     host: str
     name: str
     workload: str
-    warm: bool
 
 
 class Newcomer:
@@ -61,11 +59,10 @@ class Newcomer:
         )
 
 
-#: How many words each event has after its name. All are texts; a `register` and a `pod` end with
-#: yes or no.
+#: How many words each event has after its name. All are texts; a `register` ends with yes or no.
 WORDS = {
     **{"run": 1, "set": 2, "delete": 1, "register": 6, "unregister": 4, "forget": 1, "silent": 1},
-    **{"answers": 1, "wait": 5, "unwait": 4, "dismiss": 2, "pod": 4, "leave": 1, "away": 1},
+    **{"answers": 1, "wait": 5, "unwait": 4, "dismiss": 2, "pod": 3, "leave": 1, "away": 1},
 }
 
 
@@ -74,8 +71,8 @@ def check(event: Any) -> None:
     if not isinstance(event, list) or not event or WORDS.get(str(event[0])) != len(event) - 1:
         raise ValueError(f"not an event: {event!r:.200}")
     name, *texts = event
-    if name in ("register", "pod") and not isinstance(texts.pop(), bool):
-        raise ValueError(f"the last word of {name} is not true or false")
+    if name == "register" and not isinstance(texts.pop(), bool):
+        raise ValueError("the last word of register is not true or false")
     if not all(isinstance(one, str) for one in texts):
         raise ValueError(f"a word of {name} is not a text")
     if name in ("register", "wait") and texts[0] not in KINDS:
@@ -191,11 +188,11 @@ class State:
     def _on_dismiss(self, node: str, api: str) -> None:
         self.newcomers.pop((node, api), None)
 
-    def _on_pod(self, host: str, name: str, workload: str, warm: bool) -> None:  # noqa: FBT001 - an event's last word
+    def _on_pod(self, host: str, name: str, workload: str) -> None:
         known = self.pods.get(host)
         if known and known.name != name:
             self.leaving.discard(host)
-        self.pods[host] = GatePod(host, name, workload, warm)
+        self.pods[host] = GatePod(host, name, workload)
 
     def _on_leave(self, host: str) -> None:
         self.leaving.add(host)

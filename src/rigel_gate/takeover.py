@@ -24,7 +24,7 @@ from rigel_gate.master import Master
 from rigel_gate.newcomers import Newcomers
 from rigel_gate.nodes import Nodes
 from rigel_gate.registry import Registration, host_of
-from rigel_gate.state import Newcomer
+from rigel_gate.state import GatePod, Newcomer
 
 #: Seconds between two looks at a newcomer that is not quiet yet, while a pod waits to end.
 PAUSE = 0.05
@@ -50,17 +50,15 @@ class TakeOver:
     async def describe_pod(self, call: Call) -> Answer:
         """Note how a pod describes itself; return its nodes that wait.
 
-        Arguments: caller, pod, workload, "warm" or "", then the addresses of its nodes. Each node
-        is returned as [name, URI, "quiet" or "busy", URI of the one that has the name].
+        Arguments: caller, pod, workload, then the addresses of its nodes. Each node is returned as
+        [name, URI, "quiet" or "busy", URI of the one that has the name].
         """
-        _, pod, workload, warm, *hosts = call.texts(len(call.params))
+        _, pod, workload, *hosts = call.texts(len(call.params))
         found = []
         for host in hosts:
-            known = self._state.pods.get(host)
-            described = (host, pod, workload, warm == "warm")
-            if tuple(known or ()) != described:
+            described = GatePod(host, pod, workload)
+            if self._state.pods.get(host) != described:
                 self._context.note("pod", *described)
-                self._newcomers.warm_up(host)
             for newcomer in self._state.newcomers_at(host):
                 quiet = "quiet" if self._is_quiet(newcomer) else "busy"
                 owner = self._state.registry.api_of(newcomer.name) or ""
@@ -187,7 +185,6 @@ class TakeOver:
                 )
                 continue
             self._context.note("register", *one, True)
-            self._newcomers.send_publishers(one)
             self._nodes.send_answer(one)
 
     def _choose_heir(self, name: str) -> Newcomer | None:

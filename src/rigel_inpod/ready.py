@@ -18,8 +18,7 @@ asks the gate in front of the master (rigel_gate) to give the names of this pod'
 that wait for them, and gives these SECONDS to become ready; 1 if it gave none.
 
 Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; RIGEL_K8S_WORKLOAD is the workload of a pod whose
-nodes hand their names over, RIGEL_K8S_WARM is set where they get publishers before that. Python 2.7
-and 3, nothing but the standard library.
+nodes hand their names over. Python 2.7 and 3, nothing but the standard library.
 """
 
 import os
@@ -100,8 +99,7 @@ class Look(object):
         workload = os.environ.get("RIGEL_K8S_WORKLOAD")
         if not workload:
             return {}
-        warm = "warm" if os.environ.get("RIGEL_K8S_WARM") else ""
-        own = (os.uname()[1], workload, warm, advertised())
+        own = (os.uname()[1], workload, advertised())
         try:
             answer = self.master.call("rigelDescribePod", *own)[2]
         except CallFailed:

@@ -102,7 +102,6 @@ class Generation:
         clash: what two nodes of one name do to each other.
         surge: the same during an update; None: programs have no names.
         hands_over: updates hand over where they can, without a request for it.
-        not_warm: why a node that is handed over cannot be warm; None: it can.
 
         program: what a node runs, with its own arguments; empty for the image's CMD. Raises
             ValueError for a line that cannot be split into words.
@@ -148,7 +147,6 @@ class Generation:
     clash: str = ""
     surge: str | None = None
     hands_over: bool = False
-    not_warm: str | None = None
 
     program: Callable[[NodeOptions], list[str]]
     takes_arguments: Callable[[Sequence[str]], bool] = lambda line: False

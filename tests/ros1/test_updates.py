@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.until import until
 
-from .gated import LISTENER, hands_over, heard, listener, ready, talker, versions
+from .gated import LISTENER, hands_over, heard, listener, ready, talker
 from .nodelets import MANAGER_AND_LOADER
 
 pytestmark = pytest.mark.cluster
@@ -140,57 +140,6 @@ def test_a_nodelet_with_a_manager_of_its_own_is_updated(pods, nodelet):
     until(lambda: len(heard(ears)) > count + 20, "messages of the new nodelet", last_words=new.log)
     numbers = [number for _, _, number in heard(ears)]
     assert numbers == sorted(set(numbers))
-
-
-@pytest.mark.parametrize("warm", ["", "warm"])
-def test_a_warm_node_hears_topics_before_it_has_its_name(pods, warm):
-    """A latched one and one at 20 Hz, of C++; a node that is not warm hears nothing."""
-    pods.gated()
-    ready(talker(pods, "v1"))
-    latch = ("rostopic", "pub", "--latch", "/map", "std_msgs/String", "map 1", "__name:=mapper")
-    pods.node("mapper", *latch)
-    for topic in ("map", "chatter"):
-        relay = ("rosrun", "topic_tools", "relay", f"/{topic}", f"/{topic}_relayed")
-        pods.node(f"{topic}-relay", *relay, f"__name:={topic}_relay")
-    env = {**hands_over(pods, "ears"), "RIGEL_K8S_WARM": warm}
-    command = ("python3", "-c", LISTENER, "ears", "/map_relayed", "/chatter_relayed")
-    ready(old := pods.start("ears-1", *command, env=env))
-    until(lambda: heard(old), "messages to the old one")
-    ready(new := pods.start("ears-2", *command, env=env))
-    both = {"map", "v1"}
-    hears = new if warm else old
-    count = len(heard(hears))
-    until(lambda: set(versions(hears)) == both and len(heard(hears)) > count + 40, "both topics")
-    assert "/ears waits to take over" in ready(new)
-    assert warm or not heard(new)
-    old.terminate()
-    count = len(heard(new))
-    until(lambda: len(heard(new)) > count + 20, "messages to the new one")
-    assert set(versions(new)) == both
-    assert ready(new) == "ready: /ears\n"
-
-
-@pytest.mark.parametrize("publisher", ["python", "c++"])
-def test_a_warm_node_takes_no_publisher_away_from_the_old_one(pods, publisher):
-    """One of C++ serves both; one of Python, which serves one of a name, is left to the old one."""
-    pods.gated()
-    ready(talker(pods, "v1"))
-    relay = ("rosrun", "topic_tools", "relay", "/chatter", "/relayed", "__name:=relay")
-    pods.node("relay", *relay)
-    env = {**hands_over(pods, "ears"), "RIGEL_K8S_WARM": "warm"}
-    topic = "/chatter" if publisher == "python" else "/relayed"
-    command = ("python3", "-c", LISTENER, "ears", topic)
-    ready(old := pods.start("ears-1", *command, env=env))
-    until(lambda: heard(old), "messages to the old one")
-    ready(new := pods.start("ears-2", *command, env=env))
-    if publisher == "c++":
-        until(lambda: heard(new), "messages to the new one")
-    count = len(heard(old))
-    until(lambda: len(heard(old)) > count + 40, "more messages to the old one")
-    assert "/ears waits to take over" in ready(new)
-    assert bool(heard(new)) == (publisher == "c++")
-    numbers = [number for _, _, number in heard(old)]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "none is missing"
 
 
 @pytest.mark.parametrize("rate", [20, 100])

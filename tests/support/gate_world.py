@@ -30,8 +30,6 @@ from rigel_gate.registry import (
 )
 from rigel_gate.state import State
 
-#: What the API servers of roscpp's and of rospy's nodes are called.
-ROSCPP, ROSPY = "XMLRPC++ 0.7", "BaseHTTP/0.6 Python/3.8.10"
 #: How topics of bonds end.
 BOND_TOPIC = "/bond"
 
@@ -194,7 +192,6 @@ class SimNode:
         self.heard: dict[str, list[str]] = {}
         self.lists: list[tuple[str, list[str]]] = []
         self.learnt: dict[str, Any] = {}
-        self.server = world.random.choice(world.servers)
         world.listening[self.api] = self
 
     async def start(self) -> None:
@@ -280,8 +277,8 @@ class SimNode:
 class SimPod:
     """A pod of a workload, or None for one that is not ours."""
 
-    def __init__(self, host: str, workload: str | None, *, warm: bool = False) -> None:
-        self.host, self.workload, self.warm = host, workload, warm
+    def __init__(self, host: str, workload: str | None) -> None:
+        self.host, self.workload = host, workload
         self.nodes: list[SimNode] = []
         self.leaving = False
 
@@ -305,7 +302,6 @@ class World:
         self.gate: Gate | None = None
         self.ended = asyncio.Event()
         self.log: list[str] = []
-        self.servers = [ROSCPP]  # of which client libraries nodes are
         self.queues: dict[str, asyncio.Queue[tuple[str, tuple[Any, ...]]]] = {}
         self.tasks: set[asyncio.Task[Any]] = set()
         self.owners: list[tuple[str, str]] = []  # (node, api): who got which name, in order
@@ -342,10 +338,6 @@ class World:
         if node is None:
             raise NodeGone("refused")
         return Answer.good("", node.take(call.method, *call.params[1:]))
-
-    async def server(self, api: str, seconds: float) -> str:
-        await self.node(api, Call("getPid", (GATE,)), seconds)
-        return self.listening[api].server
 
     async def connect(self, api: str, seconds: float) -> None:
         await asyncio.sleep(self.pause(0.01))
@@ -461,21 +453,12 @@ class World:
         if ours and old.pod is not new:
             self.broken.append(f"{one.api} gets the name of {before}, which publishes still")
 
-    def is_rospy(self, api: str) -> bool:
-        """Whether a node that listens is rospy's."""
-        return api in self.listening and self.listening[api].server == ROSPY
-
     def heard(self, node: SimNode, topic: str, publishers: list[str]) -> None:
         """A node gets a list of publishers: may it?"""
-        may_hear = node.pod.workload is None or node.pod.warm
         bonds = BOND_TOPIC in topic and {host_of(one) for one in publishers} == {node.pod.host}
-        may_hear = may_hear or bonds
-        if (node.name, node.api) not in self.owners:
-            if publishers and not may_hear:
-                self.broken.append(f"{node.api} waits, is not warm, and hears {publishers}")
-            rospys = [api for api in publishers if self.is_rospy(api)]
-            if rospys and node.pod.workload is not None and not bonds:
-                self.broken.append(f"{node.api} waits, and cuts the old node off from {rospys}")
+        may_hear = node.pod.workload is None or bonds
+        if (node.name, node.api) not in self.owners and publishers and not may_hear:
+            self.broken.append(f"{node.api} waits, and hears {publishers}")
         master = self.master_now
         known = set(master.apis(PUBLISHER, topic)) if master else set()
         for api in set(node.heard.get(topic, ())) - set(publishers):
@@ -492,11 +475,10 @@ class World:
         names: list[str],
         plans: dict[str, Plan],
         *,
-        warm: bool = False,
         probed: bool = True,
     ) -> SimPod:
         """Start a pod; `probed`: the kubelet looks at it from time to time."""
-        pod = SimPod(f"10.0.{next(self._hosts)}.1", workload, warm=warm)
+        pod = SimPod(f"10.0.{next(self._hosts)}.1", workload)
         self.pods.append(pod)
         for name in names:
             self.start_node(pod, name, plans[name])
@@ -517,7 +499,7 @@ class World:
 
     async def describe(self, pod: SimPod) -> list[Any]:
         await self.reach(pod.host)
-        words = ("/probe", pod.host, pod.workload, "warm" if pod.warm else "", pod.host)
+        words = ("/probe", pod.host, pod.workload, pod.host)
         return list((await self.call(Call("rigelDescribePod", words), hands_over=True)).result)
 
     async def is_ready(self, pod: SimPod) -> bool:

@@ -63,11 +63,6 @@ class RollingUpdate:
         " the old one stops. Default: Rolling for anonymous nodes; HandOver where roscore is behind"
         " a gate and two of the pod can run; else Recreate"
     )
-    warm: bool = option(
-        "HandOver in ROS 1: topics of publishers in C++ reach the new node before it has its name,"
-        " so that it can build up state",
-        default=False,
-    )
     max_surge: Share | None = option("extra pods during an update (default 1)")
     max_unavailable: Share | None = option("missing pods during an update (default 0)")
 

@@ -509,8 +509,6 @@ def test_hand_over_is_for_lifecycle_nodes_of_nodes() -> None:
     assert told(text, "error", "jazzy") == {("hand-over", "rolling_update.strategy")}
     text = node("strategy: HandOver", "ros: none, ")
     assert told(text, "error", "jazzy") == {("hand-over", "nodes.n.update.strategy")}
-    text = node("strategy: HandOver, warm: true")
-    assert told(text, "error", "jazzy") == {("bad-update", "nodes.n.update.warm")}
 
 
 @pytest.mark.parametrize("key", ["parameters", "parameter_files", "parameter_commands"])

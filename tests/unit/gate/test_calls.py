@@ -28,7 +28,7 @@ from tests.support.gate_stage import (
     start,
     up,
 )
-from tests.support.gate_world import ROSCPP, ROSPY, Plan, SimNode, SimPod, World
+from tests.support.gate_world import Plan, SimPod, World
 
 
 def xml_call(value: str) -> Call:
@@ -52,81 +52,6 @@ async def test_a_newcomer_hears_no_publishers_before_it_has_its_name(world: Worl
     await world.hand_over(old)
     await asyncio.sleep(0.1)
     assert sorted(node.heard["/chatter"]) == [talker.nodes[0].api, more.nodes[0].api]
-
-
-@play
-async def test_a_warm_newcomer_hears_publishers_early(world: World) -> None:
-    """Right after its registration, and with each change."""
-    talker = await up(world, TALKER)
-    await up(world, LISTENER)
-    node = (await up(world, LISTENER, warm=True)).nodes[0]
-    api = talker.nodes[0].api
-    assert node.lists == [("/chatter", []), ("/chatter", [api])]
-    more = await up(world, {"/camera": [ROSOUT, CHATTER]})
-    assert sorted(node.heard["/chatter"]) == [api, more.nodes[0].api]
-    await more.nodes[0].unregister(CHATTER)
-    await asyncio.sleep(0.1)
-    assert node.heard["/chatter"] == [api]
-
-
-@play
-async def test_a_warm_newcomer_hears_who_has_taken_over(world: World) -> None:
-    """The publisher's name changes hands while the subscriber still waits for its own."""
-    old, new = await up(world, TALKER), await up(world, TALKER)
-    await up(world, LISTENER)
-    warm = (await up(world, LISTENER, warm=True)).nodes[0]
-    await world.hand_over(old)
-    await asyncio.sleep(1)
-    assert warm.heard["/chatter"] == [new.nodes[0].api]
-
-
-@play
-async def test_a_warm_newcomer_leaves_publishers_to_the_old_node_that_serve_only_one(
-    world: World,
-) -> None:
-    """rospy's would drop the old subscriber for the new one of its name; roscpp's serve both."""
-    world.servers = [ROSPY]
-    await up(world, TALKER)
-    world.servers = [ROSCPP]
-    camera = await up(world, {"/camera": [ROSOUT, CHATTER]})
-    old = await up(world, LISTENER)
-    new = await up(world, LISTENER, warm=True)
-    assert new.nodes[0].heard["/chatter"] == [camera.nodes[0].api]
-    await world.hand_over(old)
-    await asyncio.sleep(0.1)
-    assert new.nodes[0].heard["/chatter"] == old.nodes[0].heard["/chatter"]
-    assert len(new.nodes[0].heard["/chatter"]) == 2
-
-
-@play
-async def test_what_a_publisher_was_is_forgotten_with_it(world: World) -> None:
-    """Its port may be another process's then, which serves only one node of a name."""
-    first = (await up(world, TALKER)).nodes[0]
-    await up(world, LISTENER)
-    warm = (await up(world, LISTENER, warm=True)).nodes[0]
-    assert warm.heard["/chatter"] == [first.api]
-    await first.leave()
-    await asyncio.sleep(0.5)
-    world.servers = [ROSPY]
-    port = int(first.api.rpartition(":")[2].strip("/"))
-    again = SimNode(world, first.pod, "/talker", port, TALKER["/talker"])
-    assert again.api == first.api
-    await again.start()
-    await asyncio.sleep(1)
-    assert warm.heard["/chatter"] == []
-
-
-@play
-async def test_a_newcomer_is_warmed_up_when_its_pod_says_so(world: World) -> None:
-    """Its first probe may come after its registrations."""
-    talker = await up(world, TALKER)
-    await up(world, LISTENER)
-    new = start(world, LISTENER, warm=True)
-    await registered(new)
-    assert new.nodes[0].heard["/chatter"] == []
-    await world.describe(new)
-    await asyncio.sleep(0.1)
-    assert new.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
 
 
 LOAD = (SERVICE, "/manager/load_nodelet")
@@ -257,19 +182,6 @@ async def test_a_list_does_not_overtake_another_hand_over(world: World) -> None:
     await asyncio.sleep(1)
     lists = [heard for _, heard in new.nodes[0].lists]
     assert lists == [[], [old_talker.nodes[0].api], [new_talker.nodes[0].api]]
-
-
-@play
-async def test_a_list_that_is_sent_again_does_not_overtake_another_hand_over(world: World) -> None:
-    """A warm node's list is on its way when it takes over, and is sent once more after that."""
-    old_talker, _ = await up(world, TALKER), await up(world, TALKER)
-    cameras = [await up(world, {"/camera": [CHATTER]}) for _ in range(2)]
-    old, new = await up(world, LISTENER), await up(world, LISTENER, warm=True)
-    slow_down(world, "publisherUpdate", 0.2)
-    for pod in (cameras[0], old, old_talker):
-        await world.hand_over(pod)
-    await asyncio.sleep(1)
-    assert set(new.nodes[0].heard["/chatter"]) == set(publishers(world, "/chatter"))
 
 
 @play

@@ -38,10 +38,10 @@ EVENTS: list[Event] = [
     ["unwait", "publisher", "/u", "/n", "http://k:1/"],
     ["wait", "publisher", "/t", "/n", "http://l:1/", "t/T"],
     ["dismiss", "/n", "http://l:1/"],
-    ["pod", "h", "pod-1", "app", True],
-    ["pod", "k", "pod-2", "app", False],
+    ["pod", "h", "pod-1", "app"],
+    ["pod", "k", "pod-2", "app"],
     ["leave", "h"],
-    ["pod", "x", "pod-3", "app", False],
+    ["pod", "x", "pod-3", "app"],
     ["away", "x"],
 ]
 

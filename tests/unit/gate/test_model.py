@@ -8,7 +8,7 @@ import pytest
 
 from rigel_gate.calls import GATE, Call
 from rigel_gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
-from tests.support.gate_world import ROSCPP, ROSPY, SimNode, SimPod, World, run
+from tests.support.gate_world import SimNode, SimPod, World, run
 
 PLANS = {
     "/talker": [(PUBLISHER, "/rosout"), (PUBLISHER, "/chatter"), (SERVICE, "/talker/ask")],
@@ -26,7 +26,6 @@ class Story:
 
     def __init__(self, seed: int) -> None:
         self.world = World(seed)
-        self.world.servers = [ROSCPP, ROSPY]
         self.pods: dict[str, SimPod] = {}
         self.rolling: set[str] = set()
         self.is_over = False
@@ -78,8 +77,7 @@ class Story:
         if workload in self.rolling:
             return
         self.rolling.add(workload)
-        warm = world.random.random() < 0.3
-        new = world.start_pod(workload, WORKLOADS[workload], PLANS, warm=warm)
+        new = world.start_pod(workload, WORKLOADS[workload], PLANS)
         fails = world.random.random() < 0.2
         await asyncio.sleep(world.pause(2.0))
         while not fails and not await world.is_ready(new):

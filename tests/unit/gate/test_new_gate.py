@@ -29,7 +29,7 @@ from tests.support.gate_world import SimNode, World
 @play
 async def test_the_next_gate_knows_who_waits(world: World) -> None:
     """And what the pods are, and that one is leaving."""
-    old, new = await up(world, TALKER, warm=True), await up(world, TALKER, warm=True)
+    old, new = await up(world, TALKER), await up(world, TALKER)
     assert world.gate is not None
     before = list(world.gate.state.events())
     await world.kill_gate()

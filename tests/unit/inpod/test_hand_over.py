@@ -157,15 +157,14 @@ def test_a_node_that_has_its_name_waits_no_more(probe: Probe, gate: Gate):
 @pytest.mark.parametrize(
     ("env", "described"),
     [
-        ({}, [HOST, "talker", "", "127.0.0.1"]),
-        ({"RIGEL_K8S_WARM": "1"}, [HOST, "talker", "warm", "127.0.0.1"]),
-        ({"ROS_HOSTNAME": "robot"}, [HOST, "talker", "", "robot"]),
+        ({}, [HOST, "talker", "127.0.0.1"]),
+        ({"ROS_HOSTNAME": "robot"}, [HOST, "talker", "robot"]),
     ],
 )
 def test_a_pod_describes_itself(
     probe: Probe, gate: Gate, env: dict[str, str], described: list[str]
 ):
-    """Its name, its workload, whether it is warm, and the address that its nodes advertise."""
+    """Its name, its workload, and the address that its nodes advertise."""
     assert probe("node", **env)[0] == 0
     assert gate.described == [described]
 

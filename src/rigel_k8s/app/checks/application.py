@@ -184,25 +184,10 @@ def check_hand_over(
 def check_way(
     update: RollingUpdate | None, ros: Generation, obstacle: str | None
 ) -> Iterator[Problem]:
-    """Yield why an update cannot hand over, or why `warm` has no effect; paths are its own."""
-    if update is None:
-        return
-    requested = requests_hand_over(update)
-    if requested and obstacle:
+    """Yield why an update cannot hand over; paths are its own."""
+    if update is not None and requests_hand_over(update) and obstacle:
         message = f"HandOver is not possible: {obstacle}"
         yield Problem(("strategy",), message, "hand-over", at_key=True)
-    if not update.warm:
-        return
-    if requested and ros.not_warm:
-        yield Problem(("warm",), ros.not_warm, "bad-update", at_key=True)
-    elif not requested and (update.strategy or not ros.hands_over):
-        message = "only nodes that hand over their names can be warm: remove it"
-        yield Problem(("warm",), message, "bad-update", at_key=True)
-    elif not requested:
-        reason = "max_surge and max_unavailable are for Rolling" if is_rolling(update) else obstacle
-        if reason:
-            message = f"nothing is handed over, so warm has no effect: {reason}; remove `warm`"
-            yield Problem(("warm",), message, "bad-update", severity="warning", at_key=True)
 
 
 def check_rollback(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:

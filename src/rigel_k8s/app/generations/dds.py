@@ -30,7 +30,6 @@ DDS = Generation(
     title="a plain DDS application",
     nodes=False,
     readiness="none",
-    not_warm="only nodes that hand over their names can be warm: remove it",
     program=program,
     command_of=command_of,
     probe=ready_words,

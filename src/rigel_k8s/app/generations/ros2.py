@@ -326,7 +326,6 @@ ROS2 = Generation(
     surge="during an update two nodes of one name run at once: each of their messages comes twice,"
     " and either answers services and actions; leave `strategy` out, and a lifecycle node hands"
     " over where it can, any other stops for its update",
-    not_warm="a lifecycle node receives its topics from `configure` on anyway: remove it",
     program=program,
     takes_arguments=takes_arguments,
     command_of=command_of,

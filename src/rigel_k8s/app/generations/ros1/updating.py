@@ -46,7 +46,6 @@ def choose_way(
     env = {
         "ROS_MASTER_URI": {"value": GATE_URI},
         "RIGEL_K8S_WORKLOAD": {"value": workload},
-        **({"RIGEL_K8S_WARM": {"value": "1"}} if update.warm else {}),
     }
     return Way("HandOver", "", update, env)
 

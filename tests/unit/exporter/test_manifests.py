@@ -10,10 +10,8 @@ import pytest
 
 from rigel_exporter.config import Config
 from rigel_k8s.app.checks.application import check
-from rigel_k8s.app.checks.exporter import check_exporter
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.generation import generation_of
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -162,10 +160,8 @@ ZENOH = f"{NODES}\nnetwork: zenoh\n"
 def test_what_keeps_it_from_seeing_is_told(
     text: str, distro: str, word: str, severity: str
 ) -> None:
-    chosen = options(text)
-    found = [p for p in check_exporter(chosen, generation_of(distro)) if word in p.message]
+    found = [p for p in check(options(text), distro) if word in p.message]
     assert [p.severity for p in found] == [severity]
-    assert [p for p in check(chosen, distro) if word in p.message] == found
 
 
 def test_what_cannot_be_seen_has_no_exporter() -> None:

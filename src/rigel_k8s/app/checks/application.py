@@ -19,7 +19,7 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
-from rigel_k8s.app.checks.exporter import check_exporter
+from rigel_k8s.app.checks.commands import check_line
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
@@ -35,12 +35,13 @@ from rigel_k8s.app.updating import (
 )
 from rigel_k8s.distros import CURRENT
 from rigel_k8s.generation import Generation, find_end, generation_of, guess_distro
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
 from rigel_k8s.objects.raw import containers_of
-from rigel_k8s.objects.text import split_words
 from rigel_k8s.observability.checks import check as check_stack
-from rigel_k8s.problems import Path, Problem
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.problems import Path, Problem, Severity
 
 SIDECARS = (
     "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
@@ -111,6 +112,13 @@ def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> 
     taken = {one.identity.name: one.title for one in ros.companions(options, distro)}
     if has_application(options):
         taken[str(options.deployment_name)] = "the application"
+    if options.observability.exporter is not None:
+        taken[EXPORTER] = "the exporter of ros_metrics"
+    if options.network is not None:
+        names = [*map(object_name, options.nodes), str(options.deployment_name)]
+        mode = mode_of(options.network)
+        services = mode.services(str(options.deployment_name), options.network, names)
+        taken |= dict.fromkeys(services, f"a Service of mode {mode.name}")
     ros_names: dict[str, list[str]] = defaultdict(list)
     for key, node in options.nodes.items():
         name, path = object_name(key), ("nodes", str(key))
@@ -129,7 +137,7 @@ def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> 
 
 
 def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield volumes of one name, and mounts on one path."""
+    """Yield volumes of one name."""
     names: set[str] = set()
     for index, volume in enumerate(options.persistent_storage.volumes):
         path = ("persistent_storage", "volumes", index, "name")
@@ -210,18 +218,7 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
     if readiness.command is not None and readiness.file is not None:
         yield Problem((*path, "file"), "a command and a file: remove one", "conflict", at_key=True)
     if readiness.command is not None:
-        yield from check_words((*path, "command"), readiness.command)
-
-
-def check_words(path: Path, command: str | list[str]) -> Iterator[Problem]:
-    """Yield why a command line is not valid."""
-    try:
-        line = split_words(command)
-    except ValueError as error:
-        yield Problem(path, f"it cannot be split into words: {str(error).lower()}", "bad-command")
-        return
-    if not line:
-        yield Problem(path, "the command is empty: remove it", "bad-command")
+        yield from check_line((*path, "command"), readiness.command)
 
 
 def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
@@ -289,9 +286,13 @@ def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[st
 
 
 def check_observability(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
-    """Yield what is wrong with the stack that the job requests."""
+    """Yield what is wrong with the stack and the exporter that the job requests."""
     stack = options.observability
     if options.observability_only:
         stack = attrs.evolve(stack, enabled=True)
     yield from (problem.under(("observability",)) for problem in check_stack(stack))
-    yield from check_exporter(options, ros)
+    if options.observability.exporter and (why := ros.explain_unseen(options)):
+        chosen = bool(options.observability.ros_metrics)
+        path: Path = ("observability", "ros_metrics") if chosen else ("observability",)
+        severity: Severity = "error" if chosen else "warning"
+        yield Problem(path, why, "no-ros-metrics", severity=severity, at_key=True)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
-from rigel_k8s.app.checks.anonymous import check_anonymous
-from rigel_k8s.app.checks.lines import check_line
-from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
-from rigel_k8s.app.checks.shells import check_shell_words
+from rigel_k8s.app.checks.commands import (
+    IN_NODES,
+    check_line,
+    check_parameters,
+    check_shell_words,
+    check_substitution,
+)
 from rigel_k8s.app.components import check_components
 from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
-from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.programs import SHELLS, find_program, full_name
+from rigel_k8s.app.updating import find_clash, is_rolling
 from rigel_k8s.generation import Generation
-from rigel_k8s.objects.podoptions import EnvVar, Volume
+from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
@@ -27,6 +31,8 @@ RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
 EVERYWHERE = ("/dev", "/etc/localtime", "/proc", "/run", "/sys", "/tmp", "/var/run")
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
+#: Subcommands of `ros2` that start a user's own nodes.
+STARTERS = ("run", "launch")
 #: Options that only ROS can read.
 ROS_ONLY = ("name", "namespace", "package", "launch", "substitution_args", *APPENDED)
 
@@ -47,13 +53,11 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from check_substitution(node, IN_NODES)
     yield from check_shell_words(node)
     yield from check_labels(node)
-    yield from check_env(node)
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     yield from check_volumes(node, set(volumes))
     yield from check_anonymous(key, node, ros, volumes)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
-    yield from check_ports(node)
     yield from check_placement(key, node, options.nodes)
 
 
@@ -91,8 +95,14 @@ def check_plain(node: NodeOptions) -> Iterator[Problem]:
         if getattr(node, key):
             message = f"a {what} (ros: none) has no {key}: use args and env"
             yield Problem((key,), message, "not-ros", at_key=True)
+    yield from check_lines(node)
+
+
+def check_lines(node: NodeOptions) -> Iterator[Problem]:
+    """Yield what is wrong with the lines of a container."""
     for name in ("command", "args"):
-        yield from check_line(node, (name,), getattr(node, name))
+        if getattr(node, name) is not None:
+            yield from check_line((name,), getattr(node, name), node)
 
 
 def check_labels(node: NodeOptions) -> Iterator[Problem]:
@@ -118,8 +128,7 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
         if {"command", "args"} == set(given):
             message += " (args keeps the image's ENTRYPOINT, which sets up ROS)"
         yield Problem((given[1],), message, "conflict", at_key=True)
-    for name in ("command", "args"):
-        yield from check_line(node, (name,), getattr(node, name))
+    yield from check_lines(node)
 
 
 def check_appended(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
@@ -140,27 +149,9 @@ def explain_unreadable(node: NodeOptions, key: str, ros: Generation) -> str | No
     )
 
 
-def check_env(node: NodeOptions) -> Iterator[Problem]:
-    """Yield variables with two values."""
-    if isinstance(node.env, Mapping):
-        return
-    names: set[str] = set()
-    for index, item in enumerate(node.env):
-        assert isinstance(item, EnvVar)
-        if item.value is not None and item.value_from is not None:
-            message = "value and valueFrom: remove one"
-            yield Problem(("env", index, "value"), message, "conflict", at_key=True)
-        if item.name in names:
-            message = f'the variable "{item.name}" is already set'
-            yield Problem(("env", index, "name"), message, "name-taken")
-        names.add(item.name)
-
-
 def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
-    """Yield mounts of nothing, of two things, of unknown volumes, and on the same path."""
-    places: set[str] = set()
-    for index, item in enumerate(node.volumes):
-        mount = mount_of(item)
+    """Yield mounts of nothing, of two things, and of unknown volumes."""
+    for index, mount in enumerate(map(mount_of, node.volumes)):
         path = ("volumes", index)
         if source_count(mount) != 1:
             message = "set exactly one of name, host_path, config_map, secret and memory"
@@ -171,10 +162,55 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
             yield Problem(path, message, "unknown-volume")
         elif mount.mount_path is None and not mount.name:
             yield Problem(path, "mount_path is missing", "bad-volume")
-        place = str(mount.mount_path or mount.name)
-        if place in places:
-            yield Problem(path, f"another volume is already mounted at {place}", "name-taken")
-        places.add(place)
+
+
+def check_anonymous(
+    key: str, node: NodeOptions, ros: Generation, volumes: Mapping[str, Volume]
+) -> Iterator[Problem]:
+    """Yield a warning of two pods at once, or of a name that no node has.
+
+    Args:
+        key: the node's key in `nodes`.
+        ros: the node's own.
+        volumes: the release's persistent volumes, by name.
+    """
+    line = find_program(ros, node) if ros.nodes else []
+    if node.anonymous:
+        yield from check_two_at_once(node, find_clash(node, volumes) or find_group(line))
+    elif line[:1] == ["ros2"] and line[1:] and line[1] not in STARTERS:
+        message = (
+            f"no ROS node is called {full_name(key, node)}, since ros2 {line[1]} names its node"
+            " itself: set anonymous: true, with update: {strategy: Recreate} if two pods must not"
+            " run at once"
+        )
+        path = "command" if node.command is not None else "args"
+        yield Problem((path,), message, "own-name", severity="warning", at_key=True)
+
+
+def check_two_at_once(node: NodeOptions, reason: str | None) -> Iterator[Problem]:
+    """Yield that an anonymous node's default update runs two pods that disturb each other.
+
+    Args:
+        reason: why two of them do; None if they do not.
+    """
+    update = node.update
+    if reason is None or is_rolling(update) or (update is not None and update.strategy):
+        return
+    if node.replicas is not None and node.replicas > 1:
+        return
+    message = (
+        f"the node is anonymous, so an update runs its old and its new pod at once, but {reason}:"
+        " set update: {strategy: Recreate}, or {strategy: Rolling} if two pods may run at once"
+    )
+    yield Problem(("anonymous",), message, "two-at-once", severity="warning", at_key=True)
+
+
+def find_group(line: Sequence[str]) -> str | None:
+    """Return what a command line starts that is more than one node."""
+    name = PurePosixPath(line[0]).name if line else ""
+    if name == "roslaunch" or (name == "ros2" and line[1:2] == ["launch"]):
+        return "each pod starts all nodes of the launch file"
+    return f"each pod starts all that {name} starts" if name in SHELLS else None
 
 
 def check_machine_data(
@@ -226,29 +262,11 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
             yield Problem(path, message, "device-access", severity="warning")
 
 
-def check_ports(node: NodeOptions) -> Iterator[Problem]:
-    """Yield ports and port names that occur twice."""
-    seen: set[tuple[str, object]] = set()
-    for index, port in enumerate(map(port_of, node.ports)):
-        for what in (("port", (port.port, port.protocol)), ("name", port.name)):
-            if what[1] is not None and what in seen:
-                message = f"another port already has this {what[0]}"
-                yield Problem(("ports", index), message, "name-taken")
-            seen.add(what)
-
-
 def check_placement(
     key: str, node: NodeOptions, nodes: Mapping[str, NodeOptions]
 ) -> Iterator[Problem]:
-    """Yield contradicting placements, meaningless tolerations and raw parts that break."""
+    """Yield that a node keeps away from one that does not exist, or from itself."""
     for index, other in enumerate(node.placement.apart_from):
         if other not in nodes or other == key:
             message = f'"{other}" is not one of the other nodes'
             yield Problem(("placement", "apart_from", index), message, "unknown-node")
-    for index, item in enumerate(node.tolerations):
-        if item.value is not None and item.operator == "Exists":
-            message = "Exists compares no value: remove `operator` or `value`"
-            yield Problem(("tolerations", index, "value"), message, "conflict", at_key=True)
-        if item.seconds is not None and item.effect != "NoExecute":
-            message = "only NoExecute has `seconds`: add effect: NoExecute"
-            yield Problem(("tolerations", index, "seconds"), message, "conflict", at_key=True)

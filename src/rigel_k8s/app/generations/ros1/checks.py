@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rigel_k8s.app.checks.parameters import IN_PARAMETERS, check_parameters, check_substitution
+from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameters, check_substitution
 from rigel_k8s.app.generations.ros1.commands import program, takes_arguments
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, flat_values, list_global_keys

@@ -59,8 +59,7 @@ def cluster() -> None:
     " repeatable, also for a running cluster.",
 )
 # For the tests; src/rigel_lab/README.md describes them.
-@click.option("--layout", type=click.Choice(["plain", "k3s"]), hidden=True)
-@click.option("--data-dir", hidden=True)
+@click.option("--k3s", "data_dir", hidden=True)
 @json_option
 @click.pass_context
 def up(
@@ -69,7 +68,6 @@ def up(
     name: str,
     nodes: int | None,
     extras: tuple[str, ...],
-    layout: str | None,
     data_dir: str | None,
     output: str,
 ) -> None:
@@ -86,7 +84,6 @@ def up(
             name,
             nodes,
             extras=extras,
-            layout=layout,
             data_dir=data_dir,
             report=report,
         )
@@ -141,7 +138,6 @@ def status(name: str, output: str) -> int:
     if found.kubectl:
         click.echo(f"  kubectl   {found.kubectl}")
     click.echo(f"  logs      {found.logs}/*/logs")
-    click.echo(f"  layout    {found.layout}")
     print_offers(found)
     for node in found.nodes:
         click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")

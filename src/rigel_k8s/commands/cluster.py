@@ -35,7 +35,6 @@ def up(
     nodes: int | None,
     *,
     extras: Sequence[str],
-    layout: str | None,
     data_dir: str | None,
     report: Callable[[str], None],
 ) -> lab.cluster.ClusterStatus:
@@ -47,7 +46,6 @@ def up(
         name,
         nodes,
         extras=extras,
-        layout=layout,
         data_dir=data_dir,
         made={"observability": {exporter.UPSTREAM: partial(ros_exporter, report)}},
         report=report,

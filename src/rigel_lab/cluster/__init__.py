@@ -12,13 +12,12 @@ from rigel_lab.cluster.lifecycle import DEFAULT_NAME, down, up
 from rigel_lab.cluster.loading import load
 from rigel_lab.cluster.paths import names
 from rigel_lab.cluster.status import ClusterStatus, NodeStatus, kubeconfig_text, registries, status
-from rigel_lab.cluster.wish import DEFAULT_NODES, LAYOUTS
+from rigel_lab.cluster.wish import DEFAULT_NODES
 
 __all__ = [
     "DEFAULT_NAME",
     "DEFAULT_NODES",
     "EXTRAS",
-    "LAYOUTS",
     "ClusterStatus",
     "NodeStatus",
     "StepProgress",

@@ -43,7 +43,6 @@ def up(
     nodes: int | None = None,
     *,
     extras: Sequence[str] = (),
-    layout: str | None = None,
     data_dir: str | None = None,
     made: Made = NOTHING_MADE,
     report: Report = lambda _: None,
@@ -56,8 +55,7 @@ def up(
         name: of the cluster; its context is rigel-NAME.
         nodes: how many; None: as the existing cluster, else two.
         extras: what its registry offers in addition ("multus"); a running cluster gains them.
-        layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
-        data_dir: k3s' data directory.
+        data_dir: k3s' data directory, for nodes laid out as those of k3s.
         made: images that others make for extras; used only with the extra.
         report: called with one line for each step.
 
@@ -68,7 +66,7 @@ def up(
     """
     require_host()
     check_name(name)
-    wish = Wish(nodes, extras, layout, data_dir)
+    wish = Wish(nodes, extras, data_dir)
     wish.check()
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # fails before anything is started
@@ -94,7 +92,6 @@ def down(name: str = DEFAULT_NAME, *, report: Report = lambda _: None) -> bool:
     with working_on(name):
         state = State.load(name)
         if state:
-            state.require_known()
             report(f"Removing cluster {name}")
             removal.remove(state, report)
         return state is not None
@@ -112,22 +109,26 @@ def load_or_create(name: str, wish: Wish, report: Report) -> State:
     state = State.load(name)
     if not state:
         return create(name, wish, report)
-    state.require_known()
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; recreating it")
         removal.remove(state, report)
         return create(name, wish.complete_from(state), report)
     wish.compare(state)
     if not state.components.complete:
-        there = components.obtain(report, state.builds)
+        there = components.obtain(report, list_builds(state))
         state.components = state.components.replace_missing(there)
         state.save()
     return state
 
 
+def list_builds(of: Wish | State) -> list[str]:
+    """Return the names of components.ON_REQUEST that a cluster needs."""
+    return [*of.extras, *(["k3s"] if of.data_dir else [])]
+
+
 def create(name: str, wish: Wish, report: Report) -> State:
     """Return the state of a new cluster, with unused address ranges."""
-    parts = components.obtain(report, wish.builds)
+    parts = components.obtain(report, list_builds(wish))
     with shared.exclusive():
         others = [State.load(other) for other in paths.names()]
         state = State(
@@ -138,7 +139,7 @@ def create(name: str, wish: Wish, report: Report) -> State:
             kubernetes=components.KUBERNETES_VERSION,
             components=parts,
             extras=list(wish.extras),
-            data_dir=wish.new_data_dir,
+            data_dir=wish.data_dir,
         )
         state.save()
     return state

@@ -10,9 +10,6 @@ from pathlib import Path, PurePosixPath
 
 import attrs
 
-from rigel_k8s.errors import UserError
-from rigel_k8s.system.cache import cache_dir
-
 #: k3s' default data directory.
 K3S_DATA = "/var/lib/rancher/k3s"
 
@@ -27,13 +24,6 @@ BOUND = {
     "/var/log/pods": "pod-logs",
     "/var/log/containers": "container-logs",
 }
-
-#: What a data directory must not cover: what nodes have of the machine.
-OF_THE_MACHINE = (
-    *("/bin", "/dev", "/etc", "/lib", "/proc", "/root", "/run", "/sbin", "/sys", "/tmp", "/usr"),
-    "/var/lib/rigel-k8s",
-    *BOUND,
-)
 
 
 @attrs.frozen
@@ -90,23 +80,3 @@ def k3s_paths(data_dir: str) -> NodePaths:
         binds={data_dir: "k3s", "/etc/rancher": "etc-rancher", **BOUND},
         data_dir=data_dir,
     )
-
-
-def describe(data_dir: str | None) -> str:
-    """Return the layout of nodes as text, from k3s' data directory or None."""
-    return f"k3s ({data_dir})" if data_dir else "plain"
-
-
-def check_data_dir(data_dir: str) -> None:
-    """Refuse a data directory that cannot be bound over in a node.
-
-    Raises:
-        UserError: it is not an absolute path, or would cover what nodes need of the machine.
-    """
-    path = PurePosixPath(data_dir)
-    hint = f"for example {K3S_DATA} or /data"
-    if not path.is_absolute() or str(path) != data_dir or ".." in path.parts:
-        raise UserError(f'the data directory "{data_dir}" is not a plain absolute path', hint=hint)
-    for other in map(PurePosixPath, (*OF_THE_MACHINE, str(cache_dir()))):
-        if other.is_relative_to(path) or path.is_relative_to(other):
-            raise UserError(f"the data directory {data_dir} would cover {other}", hint=hint)

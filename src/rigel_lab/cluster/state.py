@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import LocalClusterError, UserError
+from rigel_k8s.errors import UserError
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
@@ -30,7 +29,6 @@ class State:
         extras: what was requested in addition (`--with`).
         offers: the images that its registry has for it, as nodes name them.
         data_dir: of nodes laid out as k3s does; None where they are plain.
-        newer: what a newer rigel has stored and this one does not support.
     """
 
     name: str
@@ -44,7 +42,6 @@ class State:
     extras: list[str] = attrs.field(factory=list)
     offers: list[str] = attrs.field(factory=list)
     data_dir: str | None = None
-    newer: dict[str, Any] = attrs.field(factory=dict)
 
     @property
     def directory(self) -> Path:
@@ -78,11 +75,6 @@ class State:
         """Where its nodes have what other programs look for."""
         return k3s_paths(self.data_dir) if self.data_dir else plain_paths()
 
-    @property
-    def builds(self) -> list[str]:
-        """What it needs of components.ON_REQUEST."""
-        return [*self.extras, *(["k3s"] if self.data_dir else [])]
-
     def process(self, machine: str) -> Process | None:
         """Return a machine's process if it still runs."""
         process = read_process(self.directory / machine)
@@ -93,9 +85,7 @@ class State:
         self.directory.mkdir(parents=True, exist_ok=True)
         path = self.directory / "cluster.json"
         new = path.with_suffix(".new")
-        content = attrs.asdict(self)
-        content |= content.pop("newer")
-        new.write_text(json.dumps(content, indent=2))
+        new.write_text(json.dumps(attrs.asdict(self), indent=2))
         new.replace(path)
 
     @classmethod
@@ -106,21 +96,7 @@ class State:
             return None
         content = json.loads(path.read_text())
         content["components"] = Components(**content["components"])
-        newer = {key: content.pop(key) for key in content.keys() - attrs.fields_dict(cls).keys()}
-        return cls(**content, newer=newer)
-
-    def require_known(self) -> None:
-        """Refuse to start or remove a cluster whose state is only partly known.
-
-        Raises:
-            LocalClusterError: a newer rigel made the cluster.
-        """
-        if self.newer:
-            raise LocalClusterError(
-                f"cluster {self.name} was made by a newer rigel-k8s, which also stored"
-                f" {', '.join(sorted(self.newer))}",
-                hint="use that version to start it or to remove it",
-            )
+        return cls(**content)
 
 
 def find(name: str) -> State:

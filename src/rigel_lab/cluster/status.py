@@ -8,7 +8,6 @@ import attrs
 
 from rigel_k8s.yaml_text import document
 from rigel_lab.cluster import api, paths
-from rigel_lab.cluster.nodepaths import describe
 from rigel_lab.cluster.requirements import require_root
 from rigel_lab.cluster.state import State, find
 
@@ -33,7 +32,6 @@ class ClusterStatus:
         kubectl: the path of a kubectl of the same version; "" without `--with kubectl`.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.
-        layout: the layout of its nodes, as `plain` or `k3s (/var/lib/rancher/k3s)`.
         extras: what it offers on request (`--with`).
         offers: the images of those, by the names under which nodes pull them.
     """
@@ -48,7 +46,6 @@ class ClusterStatus:
     kubectl: str
     logs: str
     problems: tuple[str, ...] = ()
-    layout: str = "plain"
     extras: tuple[str, ...] = ()
     offers: tuple[str, ...] = ()
 
@@ -78,7 +75,6 @@ def status_of(state: State) -> ClusterStatus:
         kubectl=state.components.go.get("kubectl", ""),
         logs=str(state.directory),
         problems=problems,
-        layout=describe(state.data_dir),
         extras=tuple(state.extras),
         offers=tuple(state.offers),
     )

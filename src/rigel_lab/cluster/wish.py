@@ -11,12 +11,10 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_lab.cluster.extras import EXTRAS
-from rigel_lab.cluster.nodepaths import K3S_DATA, check_data_dir, describe
 from rigel_lab.cluster.state import State
 
 DEFAULT_NODES = 2
 MOST_NODES = 50
-LAYOUTS = ("plain", "k3s")
 
 
 @attrs.frozen
@@ -26,13 +24,11 @@ class Wish:
     Attributes:
         nodes: how many.
         extras: what the registry offers in addition; a running cluster gains them.
-        layout: where nodes have what other programs look for, one of LAYOUTS.
-        data_dir: k3s' data directory.
+        data_dir: k3s' data directory, if nodes are laid out as those of k3s.
     """
 
     nodes: int | None = None
     extras: Sequence[str] = ()
-    layout: str | None = None
     data_dir: str | None = None
 
     def check(self) -> None:
@@ -50,53 +46,24 @@ class Wish:
                 f"unknown extra {', '.join(unknown)}",
                 hint=f"choose from {', '.join(EXTRAS)}",
             )
-        if self.layout not in (None, *LAYOUTS):
-            raise UserError(
-                f"unknown layout {self.layout}", hint=f"choose from {', '.join(LAYOUTS)}"
-            )
-        self.check_data_dir()
-
-    def check_data_dir(self) -> None:
-        """Refuse an impossible data directory, or one without the layout that has it."""
-        if self.data_dir is None:
-            return
-        if self.layout != "k3s":
-            raise UserError("only nodes of k3s have a data directory", hint="add --layout k3s")
-        check_data_dir(self.data_dir)
-
-    @property
-    def new_data_dir(self) -> str | None:
-        """The data directory of a cluster that is made now."""
-        return (self.data_dir or K3S_DATA) if self.layout == "k3s" else None
-
-    @property
-    def builds(self) -> list[str]:
-        """What to build in addition to what every cluster needs."""
-        return [*self.extras, *(["k3s"] if self.layout == "k3s" else [])]
 
     def complete_from(self, state: State) -> Wish:
         """Return a request for a cluster like an earlier one, apart from what is requested."""
-        layout = ("k3s", state.data_dir) if state.data_dir else (None, None)
-        return Wish(
-            self.nodes or state.nodes,
-            sorted({*self.extras, *state.extras}),
-            *((self.layout, self.data_dir) if self.layout else layout),
-        )
+        extras = sorted({*self.extras, *state.extras})
+        return Wish(self.nodes or state.nodes, extras, self.data_dir or state.data_dir)
 
     def compare(self, state: State) -> None:
         """Refuse to change what is fixed for a cluster's life.
 
         Raises:
-            UserError: it has another number of nodes or another layout.
+            UserError: it has another number of nodes or other places.
         """
         hint = f"rigel cluster down --name {state.name}, then up again"
         if self.nodes not in (None, state.nodes):
             raise UserError(
                 f"cluster {state.name} has {state.nodes} nodes, not {self.nodes}", hint=hint
             )
-        if self.layout is not None and self.new_data_dir != state.data_dir:
+        if self.data_dir not in (None, state.data_dir):
             raise UserError(
-                f"the nodes of cluster {state.name} are laid out as {describe(state.data_dir)},"
-                f" not {describe(self.new_data_dir)}",
-                hint=hint,
+                f"cluster {state.name} was not made with --k3s {self.data_dir}", hint=hint
             )

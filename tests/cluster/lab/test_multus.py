@@ -164,7 +164,6 @@ def conversation(host: Any, places: dict[str, str], others: int) -> list[str]:
 def test_nothing_is_offered_unless_asked_for(host: Any, plain: str) -> None:
     """A cluster starts without what only some need."""
     assert host.status(plain)["offers"] == []
-    assert host.status(plain)["layout"] == "plain"
 
 
 def test_a_running_cluster_gains_what_is_asked_for(host: Any, offering: str) -> None:
@@ -242,7 +241,7 @@ def test_down_leaves_nothing_of_second_networks(
 @pytest.fixture(scope="module")
 def ranch(host: Any, before: dict[str, list[str]]) -> str:
     """A node as k3s lays it out, with a data directory of its own."""
-    words = ["--nodes", "1", "--layout", "k3s", "--data-dir", DATA]
+    words = ["--nodes", "1", "--k3s", DATA]
     host.rigel("up", "--name", RANCH, *words)
     return RANCH
 
@@ -261,7 +260,6 @@ def test_a_node_says_that_it_is_of_k3s(host: Any, ranch: str) -> None:
     assert json.loads(told["k3s.io/node-args"]) == ["server", "--data-dir", DATA]
     assert json.loads(told["k3s.io/node-env"])["K3S_DATA_DIR"].startswith(f"{DATA}/data/")
     assert node["metadata"]["labels"]["node.kubernetes.io/instance-type"] == "k3s"
-    assert host.status(ranch)["layout"] == f"k3s ({DATA})"
 
 
 def test_its_cni_is_in_the_data_directory_alone(host: Any, ranch: str) -> None:
@@ -304,15 +302,14 @@ def test_pods_start_after_an_upgrade(host: Any, ranch: str) -> None:
 
 
 def test_a_node_that_is_started_again_is_as_before(host: Any, ranch: str) -> None:
-    """`up` without a word of layouts keeps it, and refuses another one."""
+    """`up` without a word of k3s keeps its places, and refuses others."""
     lost = [pid for pid, text in host.processes().items() if "node1/init.sh" in text]
     host.run("sh", "-c", f"kill -9 {' '.join(lost)}", check=False)
     host.until(lambda: not host.status(ranch)["running"], "end of node1")
     host.rigel("up", "--name", ranch)
-    assert host.status(ranch)["layout"] == f"k3s ({DATA})"
     assert host.status(ranch)["nodes"][0]["ready"]
-    told = host.rigel("up", "--name", ranch, "--layout", "plain", check=False)
-    assert f"laid out as k3s ({DATA}), not plain" in told
+    told = host.rigel("up", "--name", ranch, "--k3s", "/other", check=False)
+    assert "was not made with --k3s /other" in told
 
 
 def test_an_image_is_loaded(host: Any, ranch: str) -> None:

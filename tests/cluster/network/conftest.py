@@ -207,9 +207,7 @@ def started(
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))
-        layout = "k3s" if data_dir else "plain"
-        more: dict[str, Any] = {"extras": ("multus",), "layout": layout, "data_dir": data_dir}
-        status = lab.up(name, 2, **more, report=print)
+        status = lab.up(name, 2, extras=["multus"], data_dir=data_dir, report=print)
     yield Settings(context=f"rigel-{name}", kubeconfig=kubeconfig), Path(status.logs), data_dir
     lab.down(name, report=print)
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.errors import UserError
 from rigel_lab.cluster import k3s
-from rigel_lab.cluster.nodepaths import BOUND, check_data_dir, describe, k3s_paths, plain_paths
+from rigel_lab.cluster.nodepaths import BOUND, k3s_paths, plain_paths
 
 
 @pytest.fixture
@@ -105,27 +104,3 @@ def test_paths_of_both_layouts(tmp_path: Path) -> None:
     assert set(BOUND) <= set(ranch.binds)
     with pytest.raises(ValueError, match="/usr/bin"):
         ranch.locate(tmp_path, "/usr/bin")
-    assert (describe(None), describe("/data")) == ("plain", "k3s (/data)")
-
-
-@pytest.mark.parametrize(
-    "path", ["data", "/", "/var", "/etc/k3s", "/data/", "/a/../b", "/var/lib/kubelet", "/opt"]
-)
-def test_data_directories_that_nodes_could_not_bear(path: str) -> None:
-    """One that is no absolute path, or would cover what nodes need, is refused."""
-    with pytest.raises(UserError) as caught:
-        check_data_dir(path)
-    assert "/data" in (caught.value.hint or "")
-
-
-@pytest.mark.parametrize("path", ["/data", "/var/lib/rancher/k3s", "/opt/k3s", "/mnt/disk/k3s"])
-def test_data_directories_that_are_fine(path: str) -> None:
-    """Usual places are accepted."""
-    check_data_dir(path)
-
-
-def test_the_cache_is_not_covered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cache has the programs that nodes run."""
-    monkeypatch.setenv("XDG_CACHE_HOME", "/srv/cache")
-    with pytest.raises(UserError, match="/srv/cache/rigel-k8s"):
-        check_data_dir("/srv")

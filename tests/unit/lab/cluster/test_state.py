@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.errors import LocalClusterError, UserError
-from rigel_lab.cluster import lifecycle, paths, removal
+from rigel_k8s.errors import UserError
+from rigel_lab.cluster import paths, removal
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.state import State, find
-from rigel_lab.cluster.wish import Wish
 
 
 @pytest.fixture
@@ -45,25 +44,6 @@ def test_an_older_file_is_read(place: Path) -> None:
         del content[key]
     path.write_text(json.dumps(content))
     assert State.load("a") == state("a")
-
-
-def test_a_cluster_of_a_newer_rigel_is_left_alone(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is told instead of started or removed in part; what it notes is kept; others go on."""
-    monkeypatch.setattr(lifecycle, "require_root", lambda: None)
-    monkeypatch.setattr(paths, "LOCKS", place / "locks")
-    state("a").save()
-    path = place / "clusters/a/cluster.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"moons": ["io"]}))
-    before = json.loads(path.read_text())
-    with pytest.raises(LocalClusterError, match=r"made by a newer rigel-k8s.* moons"):
-        lifecycle.down("a")
-    with pytest.raises(LocalClusterError, match="newer"):
-        lifecycle.load_or_create("a", Wish(), print)
-    find("a").save()
-    assert json.loads(path.read_text()) == before
-    assert find("a").newer == {"moons": ["io"]}
 
 
 def test_an_unknown_cluster_is_told_with_those_that_are_there(place: Path) -> None:

@@ -9,8 +9,9 @@ from rigel_k8s.cli.cluster import up
 from rigel_k8s.errors import UserError
 from rigel_lab.cluster.components import ON_REQUEST, Components
 from rigel_lab.cluster.extras import EXTRAS, list_offered
+from rigel_lab.cluster.lifecycle import list_builds
 from rigel_lab.cluster.state import State
-from rigel_lab.cluster.wish import LAYOUTS, Wish
+from rigel_lab.cluster.wish import Wish
 
 
 def state(**rest: object) -> State:
@@ -23,10 +24,6 @@ def state(**rest: object) -> State:
     [
         (Wish(nodes=0), "a cluster of 0 nodes"),
         (Wish(extras=("moon",)), "unknown extra moon"),
-        (Wish(layout="k9s"), "unknown layout k9s"),
-        (Wish(data_dir="/data"), "only nodes of k3s"),
-        (Wish(layout="plain", data_dir="/data"), "only nodes of k3s"),
-        (Wish(layout="k3s", data_dir="/etc"), "would cover /etc"),
     ],
 )
 def test_what_cannot_be_is_refused(wish: Wish, told: str) -> None:
@@ -36,19 +33,12 @@ def test_what_cannot_be_is_refused(wish: Wish, told: str) -> None:
     assert caught.value.hint
 
 
-def test_the_default_data_directory_is_that_of_k3s() -> None:
-    """`--layout k3s` alone lays out as an unchanged k3s does."""
-    assert Wish(layout="k3s").new_data_dir == "/var/lib/rancher/k3s"
-    assert Wish().new_data_dir is None
-
-
 @pytest.mark.parametrize(
     ("wish", "data_dir", "told"),
     [
         (Wish(nodes=2), None, "has 3 nodes, not 2"),
-        (Wish(layout="k3s"), None, r"laid out as plain, not k3s \(/var/lib/rancher/k3s\)"),
-        (Wish(layout="plain"), "/data", r"laid out as k3s \(/data\), not plain"),
-        (Wish(layout="k3s"), "/data", r"k3s \(/data\), not k3s \(/var"),
+        (Wish(data_dir="/data"), None, "was not made with --k3s /data"),
+        (Wish(data_dir="/data"), "/other", "was not made with --k3s /data"),
     ],
 )
 def test_a_cluster_stays_what_it_is(wish: Wish, data_dir: str | None, told: str) -> None:
@@ -60,24 +50,24 @@ def test_a_cluster_stays_what_it_is(wish: Wish, data_dir: str | None, told: str)
 
 def test_what_is_not_asked_for_is_as_it_is() -> None:
     """A plain `up` fits every cluster, and so does the same wish again."""
-    for wish in (Wish(), Wish(nodes=3, layout="k3s", data_dir="/data"), Wish(extras=tuple(EXTRAS))):
+    for wish in (Wish(), Wish(nodes=3, data_dir="/data"), Wish(extras=tuple(EXTRAS))):
         wish.compare(state(data_dir="/data"))
 
 
 def test_a_lost_cluster_is_made_anew_as_it_was() -> None:
     """After a restart of the machine nothing need be said again; what is said counts."""
     lost = state(extras=["multus"], data_dir="/data")
-    assert Wish().complete_from(lost) == Wish(3, ["multus"], "k3s", "/data")
-    assert Wish(nodes=1, layout="plain").complete_from(lost) == Wish(1, ["multus"], "plain", None)
-    assert Wish(layout="k3s").complete_from(lost).new_data_dir == "/var/lib/rancher/k3s"
+    assert Wish().complete_from(lost) == Wish(3, ["multus"], "/data")
+    assert Wish(nodes=1).complete_from(lost) == Wish(1, ["multus"], "/data")
     assert Wish().complete_from(state()) == Wish(3, [])
 
 
 def test_builds_of_a_wish_and_of_its_cluster_are_the_same() -> None:
     """What is built first is what is looked for later."""
-    wish = Wish(extras=("multus",), layout="k3s")
-    assert wish.builds == state(extras=["multus"], data_dir="/data").builds == ["multus", "k3s"]
-    assert set(wish.builds) <= set(ON_REQUEST)
+    wish = Wish(extras=("multus",), data_dir="/data")
+    builds = list_builds(wish)
+    assert builds == list_builds(state(extras=["multus"], data_dir="/data")) == ["multus", "k3s"]
+    assert set(builds) <= set(ON_REQUEST)
 
 
 def test_the_command_line_offers_what_there_is() -> None:
@@ -86,5 +76,4 @@ def test_the_command_line_offers_what_there_is() -> None:
         p.opts[0]: tuple(p.type.choices) for p in up.params if isinstance(p.type, click.Choice)
     }
     assert choices["--with"] == tuple(EXTRAS)
-    assert choices["--layout"] == LAYOUTS
     assert all(list_offered([extra]) for extra in EXTRAS if extra != "kubectl")

@@ -121,12 +121,17 @@ def pods_of(found: Release, node: str) -> list[Pod]:
     everything = release_pods(found)
     if chosen := find_matching(everything, node):
         return chosen
-    names = sorted({pod.workload for pod in everything})
+    raise no_node_error(found, node, everything)
+
+
+def no_node_error(found: Release, node: str, pods: Sequence[Pod]) -> UserError:
+    """Return the error for a name that is not one of a release's nodes."""
+    names = sorted({pod.workload for pod in pods})
     if not names:
-        raise no_pod_error(found)
+        return no_pod_error(found)
     close = find_nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
-    raise UserError(f'no pod of a node "{node}"{meant}', hint=f"its nodes are: {', '.join(names)}")
+    return UserError(f'no pod of a node "{node}"{meant}', hint=f"its nodes are: {', '.join(names)}")
 
 
 def find_matching(pods: Sequence[Pod], node: str) -> list[Pod]:

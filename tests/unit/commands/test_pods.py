@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands import pods
-from rigel_k8s.commands.logs.follow import run_of
+from rigel_k8s.commands.logs.history import run_of
 from rigel_k8s.commands.pods import choose_running, pod_of, wrap_command
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError

@@ -11,7 +11,7 @@ import pytest
 
 from rigel_k8s.commands import releases
 from rigel_k8s.commands import status as reading
-from rigel_k8s.commands.logs import read as logs
+from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release

@@ -7,6 +7,7 @@ instead, if it is installed: it has the lines of deleted pods, but not those of 
 from __future__ import annotations
 
 import heapq
+import queue
 import threading
 import time
 from collections import deque
@@ -15,7 +16,6 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.commands.logs.follow import Follow
 from rigel_k8s.commands.logs.levels import LevelReader, at_least
 from rigel_k8s.commands.logs.lines import (
     DISORDER,
@@ -28,13 +28,37 @@ from rigel_k8s.commands.logs.lines import (
     time_of,
 )
 from rigel_k8s.commands.logs.stored import Asked, Stored, read_stored
-from rigel_k8s.commands.pods import Pod, find_matching, no_pod_error, pods_of, release_pods
-from rigel_k8s.commands.targets import Release
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.commands.pods import (
+    Pod,
+    find_matching,
+    no_node_error,
+    no_pod_error,
+    pod_of,
+    release_pods,
+)
+from rigel_k8s.commands.targets import Release, release
+from rigel_k8s.errors import ClusterError, RigelK8sError
+from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.names import LOKI
 from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
+from rigel_k8s.settings import Settings
 
 HOUR = 3600  # seconds: how far `level` looks back by default
+LOOK = 0.2  # seconds between two checks whether a follow has ended
+
+
+def logs(
+    settings: Settings, nodes: Sequence[str], options: LogOptions, job: str | None = None
+) -> Iterator[LogLine]:
+    """Yield log lines of the nodes (all, if none is named); `follow` ends when it is closed.
+
+    Raises:
+        UserError: the node is unknown, or there is no pod at all.
+        ClusterError: the one requested pod has no log.
+    """
+    found = release(settings, job, nodes)
+    with found.cluster:
+        yield from history(found, nodes, options)
 
 
 def history(
@@ -62,51 +86,71 @@ def history(
         except ClusterError as error:
             text = f"{explain('Loki', error)}: these are only the lines of existing containers"
             yield LogLine("", "", text, note=True)
-    past = Past(found, nodes, options, stored)
-    yield from past.lines()
+    everything = release_pods(found)
+    asked = resolve_names(found, nodes, everything, stored)
+    levels = at_least(options.level) if options.level else frozenset[str]()
+    if stored is not None:
+        yield from stored.lines(asked, levels, options.tail)
+        return
+    pods = [pod for pod in everything if asked.has(pod.workload, pod.name)]
+    reader = PodReader(found, options, levels, pods)
+    yield from reader.read()
     if options.follow:
-        yield from past.follow(cancel)
+        yield from reader.follow(asked.workloads, cancel or threading.Event())
 
 
-class Past:
-    """The lines of some nodes' pods, and where to continue."""
+def resolve_names(
+    found: Release, nodes: Sequence[str], pods: Sequence[Pod], stored: Stored | None
+) -> Asked:
+    """Return whose lines some names mean: of existing pods, or of pods in Loki.
+
+    Raises:
+        UserError: a name is unknown, or there is no pod at all.
+    """
+    workloads: set[str] = set()
+    names: set[str] = set()
+    for node in nodes:
+        if any(pod.name == node for pod in pods):
+            names.add(node)
+        elif there := find_matching(pods, node):
+            workloads.update(pod.workload for pod in there)
+        elif stored and (known := stored.resolve_name(node)):
+            workloads |= known.workloads
+            names |= known.pods
+        else:
+            raise no_node_error(found, node, pods)
+    if not nodes:
+        workloads = {pod.workload for pod in pods if not pod.helper}
+        workloads |= stored.workloads if stored else frozenset()
+        if not workloads:
+            raise no_pod_error(found)
+    return Asked(frozenset(workloads), frozenset(names))
+
+
+class PodReader:
+    """The lines of some pods from the API server: those that exist, and then those that come.
+
+    A follow has a thread for each run of a container, and one that watches for new pods.
+
+    Args:
+        levels: only lines of these; empty: all.
+        pods: those that exist; pods that come later are read from their beginning.
+    """
 
     def __init__(
-        self, found: Release, nodes: Sequence[str], options: LogOptions, stored: Stored | None
+        self, found: Release, options: LogOptions, levels: frozenset[str], pods: Sequence[Pod]
     ) -> None:
         self._found = found
         self._options = options
-        self._levels = at_least(options.level) if options.level else frozenset[str]()
-        self._stored = stored
+        self._levels = levels
         self._begun = time.time_ns()
-        everything = release_pods(found)
-        self._asked = resolve_names(found, nodes, everything, stored)
-        self._pods = [pod for pod in everything if self._asked.has(pod.workload, pod.name)]
-        self._edges = {pod.name: Edge() for pod in self._pods}
+        self._pods = pods
+        self._edges = {pod.name: Edge() for pod in pods}
+        self._lines: queue.Queue[LogLine | Exception] = queue.Queue()
 
-    def lines(self) -> Iterator[LogLine]:
-        """Yield the existing lines."""
-        if self._stored is not None:
-            yield from self._stored.lines(self._asked, self._levels, self._options.tail)
-        else:
-            yield from self._tail(heapq.merge(*map(self._read, self._pods), key=time_of))
-
-    def follow(self, cancel: threading.Event | None = None) -> Iterator[LogLine]:
-        """Yield new lines, each once."""
-        workloads = self._asked.workloads | {pod.workload for pod in self._pods}
-        return Follow(self._found, workloads, self._pods, self._go_on, cancel).lines()
-
-    def _read(self, pod: Pod) -> Iterator[LogLine]:
-        """Yield a pod's lines, or the reason why they cannot be read."""
-        try:
-            yield from sort_lines(self._read_new(pod, follow=False))
-        except ClusterError as error:
-            if len(self._pods) == 1:
-                raise
-            yield LogLine(pod.workload, pod.name, error.message, note=True)
-
-    def _tail(self, lines: Iterable[LogLine]) -> Iterator[LogLine]:
-        """Yield the last lines of each pod, if only those are requested."""
+    def read(self) -> Iterator[LogLine]:
+        """Yield the existing lines by time; of each pod the last ones, if only those are wanted."""
+        lines = heapq.merge(*map(self._read_pod, self._pods), key=time_of)
         if self._options.tail is None:
             yield from lines
             return
@@ -118,22 +162,80 @@ class Past:
                 kept.setdefault(line.pod, deque(maxlen=self._options.tail)).append(line)
         yield from heapq.merge(*kept.values(), key=time_of)
 
-    def _go_on(self, pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
-        if not old:
-            self._edges[pod.name] = Edge(since=0)
-        return self._read_new(pod, follow=True, cancel=cancel)
+    def _read_pod(self, pod: Pod) -> Iterator[LogLine]:
+        """Yield a pod's lines, or the reason why they cannot be read."""
+        try:
+            yield from sort_lines(self._read_new(pod, follow=None))
+        except ClusterError as error:
+            if len(self._pods) == 1:
+                raise
+            yield LogLine(pod.workload, pod.name, error.message, note=True)
 
-    def _read_new(
-        self, pod: Pod, *, follow: bool, cancel: threading.Event | None = None
-    ) -> Iterator[LogLine]:
-        """Yield a pod's lines of the requested levels that were not read before."""
+    def follow(self, workloads: Iterable[str], over: threading.Event) -> Iterator[LogLine]:
+        """Yield new lines of the pods and of all pods of workloads, each once.
+
+        Args:
+            over: ends it; set when it is closed.
+        """
+        followed = {*workloads, *(pod.workload for pod in self._pods)}
+        threading.Thread(target=self._watch, args=(followed, over), daemon=True).start()
+        try:
+            while not over.is_set():
+                try:
+                    line = self._lines.get(timeout=LOOK)
+                except queue.Empty:
+                    continue
+                if isinstance(line, Exception):
+                    raise line
+                yield line
+        finally:
+            over.set()
+
+    def _watch(self, workloads: set[str], over: threading.Event) -> None:
+        """Follow each run of a container of the workloads in a thread."""
+        own = {RELEASE_LABEL: self._found.id.name}
+        space = self._found.id.namespace
+        known: set[tuple[str, int]] = set()
+        old = set(self._edges)
+        try:
+            while not over.is_set():
+                for event in self._found.cluster.watch("v1", "Pod", space, labels=own, cancel=over):
+                    pod, run = pod_of(event.object), run_of(event.object)
+                    if event.type == "DELETED" or pod.workload not in workloads or run is None:
+                        continue
+                    if (pod.name, run) in known:
+                        continue
+                    known.add((pod.name, run))
+                    if pod.name not in old:
+                        self._edges[pod.name] = Edge(since=0)
+                    old.discard(pod.name)
+                    threading.Thread(target=self._follow, args=(pod, over), daemon=True).start()
+        except Exception as error:
+            self._lines.put(error)
+
+    def _follow(self, pod: Pod, over: threading.Event) -> None:
+        try:
+            for line in self._read_new(pod, follow=over):
+                self._lines.put(line)
+        except RigelK8sError as error:
+            if not over.is_set():
+                self._lines.put(LogLine(pod.workload, pod.name, error.message, note=True))
+        except Exception as error:
+            self._lines.put(error)
+
+    def _read_new(self, pod: Pod, *, follow: threading.Event | None) -> Iterator[LogLine]:
+        """Yield a pod's lines of the requested levels that were not read before.
+
+        Args:
+            follow: continue until it is set.
+        """
         edge = self._edges[pod.name]
         for text in self._found.cluster.logs(
             pod.namespace,
             pod.name,
             pod.container,
-            follow=follow,
-            cancel=cancel,
+            follow=follow is not None,
+            cancel=follow,
             timestamps=True,
             previous=self._options.previous,
             **self._choose_start(edge),
@@ -142,13 +244,21 @@ class Past:
             if moment is None:  # a message of the kubelet about the log
                 yield LogLine(pod.workload, pod.name, text, note=True)
                 continue
-            if not follow:
+            if follow is None:
                 edge.first = min(moment, edge.first or moment)
             elif moment < edge.first:  # `tail` left it out
                 continue
             level = edge.reader.level(words)
             if edge.is_new(moment, words) and (not self._levels or level in self._levels):
-                yield line_of(pod, words, moment, level)
+                yield LogLine(
+                    pod.workload,
+                    pod.name,
+                    words,
+                    time=moment,
+                    level=level,
+                    ros_node=pod.ros_name,
+                    node=pod.machine,
+                )
 
     def _choose_start(self, edge: Edge) -> dict[str, Any]:
         """Return where the API server begins; of a level, the last lines are counted here."""
@@ -189,47 +299,11 @@ class Edge:
         return True
 
 
-def resolve_names(
-    found: Release, nodes: Sequence[str], pods: Sequence[Pod], stored: Stored | None
-) -> Asked:
-    """Return whose lines some names mean: of existing pods, or of pods in Loki.
-
-    Raises:
-        UserError: a name is unknown, or there is no pod at all.
-    """
-    if not nodes:
-        there = {pod.workload for pod in pods if not pod.helper}
-        known = stored.workloads if stored else frozenset[str]()
-        if not (there | known):
-            raise no_pod_error(found)
-        return Asked(frozenset(there) | known)
-    every = [resolve_name(found, node, pods, stored) for node in nodes]
-    return Asked(
-        frozenset().union(*(one.workloads for one in every)),
-        frozenset().union(*(one.pods for one in every)),
-    )
-
-
-def resolve_name(found: Release, node: str, pods: Sequence[Pod], stored: Stored | None) -> Asked:
-    """Return what one name means."""
-    if any(pod.name == node for pod in pods):
-        return Asked(frozenset(), frozenset({node}))
-    if there := {pod.workload for pod in find_matching(pods, node)}:
-        return Asked(frozenset(there))
-    if stored and (known := stored.resolve_name(node)):
-        return known
-    pods_of(found, node)  # raises, and lists the existing nodes
-    raise AssertionError("no pod matches, and one was found")
-
-
-def line_of(pod: Pod, text: str, moment: int, level: str) -> LogLine:
-    """Return a line of the API server."""
-    return LogLine(
-        pod.workload,
-        pod.name,
-        text,
-        time=moment,
-        level=level,
-        ros_node=pod.ros_name,
-        node=pod.machine,
-    )
+def run_of(item: dict[str, Any]) -> int | None:
+    """Return how often the first container was restarted, None while it has not started."""
+    statuses = item.get("status", {}).get("containerStatuses") or []
+    name = item["spec"]["containers"][0]["name"]
+    for status in statuses:
+        if status["name"] == name and {"running", "terminated"} & set(status.get("state") or {}):
+            return int(status.get("restartCount", 0))
+    return None

@@ -7,14 +7,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.commands.logs.lines import LogLine, time_of
+from rigel_k8s.commands.logs.lines import SECOND, LogLine, time_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.observability.reading.loki import Entry, LokiClient, selector
 from rigel_k8s.observability.reading.stack import StackService
 from rigel_k8s.release.types import ReleaseId
 
-SECOND = 1_000_000_000
 AHEAD = 60 * SECOND  # machines' clocks may be ahead of ours
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rigel_k8s.kinds import EXIT_CODES, KUBECTL, PODS, Kind
-from rigel_k8s.network.preflight.examine import KINDS
+from rigel_k8s.network.preflight.checks import KINDS
 from rigel_k8s.release.rollout.kinds import CAUSES
 from rigel_k8s.release.rollout.patience import Patience
 from tools.reference.tables import draw_table, join_page

@@ -95,10 +95,3 @@ def _tolerates(one: Manifest, taint: Manifest) -> bool:
         return not one.get("key") or bool(one["key"] == taint["key"])
     same = one.get("key") == taint["key"] and one.get("value", "") == taint.get("value", "")
     return bool(same)
-
-
-def is_selected(selector: Manifest, labels: Mapping[str, str]) -> bool:
-    """Return whether a label selector, such as a policy's, selects a pod with these labels."""
-    return (selector.get("matchLabels") or {}).items() <= labels.items() and all(
-        _holds(rule, labels) for rule in selector.get("matchExpressions") or []
-    )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ipaddress
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import attrs
 
+from rigel_k8s.network.multus.platform import parse_json
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
 API, KIND = "k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"
@@ -37,12 +37,13 @@ class Range:
     @property
     def size(self) -> int:
         """How many addresses there are to give out."""
-        taken = sum(self._count_within(one) for one in _collapse(self.exclude))
-        return max(0, int(self.last) - int(self.first) + 1 - taken)
-
-    def _count_within(self, one: Subnet) -> int:
-        first = max(int(self.first), int(one.network_address))
-        return max(0, min(int(self.last), int(one.broadcast_address)) - first + 1)
+        own = [one for one in self.exclude if one.version == self.subnet.version]
+        size = int(self.last) - int(self.first) + 1
+        for one in ipaddress.collapse_addresses(own):  # type: ignore[type-var]
+            first = max(int(self.first), int(one.network_address))
+            last = min(int(self.last), int(one.broadcast_address))
+            size -= max(0, last - first + 1)
+        return max(0, size)
 
     def __str__(self) -> str:
         return f"{self.first} to {self.last}"
@@ -53,105 +54,74 @@ class Attachment:
     """A second network as Multus reads it.
 
     Attributes:
+        key: NAMESPACE/NAME.
         programs: the CNI programs that it runs, that of its addresses included.
         program: the one that makes the interface; "" if the configuration is not in the object.
         master: the machine's interface; None if macvlan takes that of the default route.
         ipam: the program that gives out addresses, "" if there is no such program.
-        passes: whether addresses that a pod requests are passed on (capability `ips`).
     """
 
-    namespace: str
-    name: str
+    key: str
     program: str = ""
     programs: tuple[str, ...] = ()
-    mode: str = ""
     master: str | None = None
     mtu: int = 0
     ipam: str = ""
     ranges: tuple[Range, ...] = ()
-    gateway: Address | None = None
-    passes: bool = False
-
-    @property
-    def key(self) -> str:
-        """NAMESPACE/NAME."""
-        return f"{self.namespace}/{self.name}"
-
-    @property
-    def on_an_interface(self) -> bool:
-        """Whether it is put on top of one of the machine's interfaces."""
-        return self.program in ON_AN_INTERFACE
 
 
-def attachment(manifest: Mapping[str, Any]) -> Attachment:
-    """Return a NetworkAttachmentDefinition's facts; from an invalid one only a few can be read."""
+def read_attachment(manifest: Mapping[str, Any]) -> Attachment:
+    """Return a NetworkAttachmentDefinition's facts; of an invalid one only its name."""
     meta = manifest["metadata"]
-    plain = Attachment(meta.get("namespace", ""), meta["name"])
-    plugins = _plugins((manifest.get("spec") or {}).get("config") or "")
+    key = f"{meta.get('namespace', '')}/{meta['name']}"
+    config = parse_json((manifest.get("spec") or {}).get("config"))
+    listed = config.get("plugins", [config]) if isinstance(config, dict) else []
+    plugins = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     if not plugins:
-        return plain
+        return Attachment(key)
     main, ipam = plugins[0], plugins[0].get("ipam") or {}
     programs = [*(plugin.get("type") for plugin in plugins), ipam.get("type")]
-    return attrs.evolve(
-        plain,
+    return Attachment(
+        key,
         program=str(main.get("type", "")),
         programs=tuple(str(name) for name in programs if name),
-        mode=str(main.get("mode", "")),
         master=main.get("master") or None,
         mtu=main["mtu"] if isinstance(main.get("mtu"), int) else 0,
         ipam=str(ipam.get("type", "")),
-        ranges=tuple(_ranges(ipam)),
-        gateway=address(ipam.get("gateway")),
-        passes=any((plugin.get("capabilities") or {}).get("ips") is True for plugin in plugins),
+        ranges=tuple(read_ranges(ipam)),
     )
 
 
-def _plugins(config: str) -> list[Mapping[str, Any]]:
-    """Return the plugins of a CNI configuration, or of a list of them."""
-    try:
-        read = json.loads(config)
-    except ValueError:
-        return []
-    if not isinstance(read, dict):
-        return []
-    plugins = read.get("plugins") if isinstance(read.get("plugins"), list) else [read]
-    return [plugin for plugin in plugins or [] if isinstance(plugin, dict)]
-
-
-def _ranges(ipam: Mapping[str, Any]) -> Iterator[Range]:
+def read_ranges(ipam: Mapping[str, Any]) -> Iterator[Range]:
     """Yield the ranges of whereabouts (`range`, `ipRanges`) or host-local (`subnet`, `ranges`)."""
-    nested = [one for some in ipam.get("ranges") or [] for one in some if isinstance(some, list)]
+    nested = [one for some in ipam.get("ranges") or [] for one in some]
     for one in [ipam, *(ipam.get("ipRanges") or []), *nested]:
-        made = _range(one) if isinstance(one, dict) else None
-        if made:
+        text = str(one.get("range") or one.get("subnet") or "")
+        start, dash, rest = text.partition("-")  # whereabouts: 10.1.0.5-10.1.0.9/24
+        ends = (start, rest.partition("/")[0]) if dash else ("", "")
+        made = make_range(
+            rest if dash else text,
+            one.get("range_start") or one.get("rangeStart") or ends[0],
+            one.get("range_end") or one.get("rangeEnd") or ends[1],
+            one.get("exclude") or [],
+        )
+        if made is not None:
             yield made
 
 
-def _range(ipam: Mapping[str, Any]) -> Range | None:
-    text = str(ipam.get("range") or ipam.get("subnet") or "")
-    start, dash, rest = text.partition("-")  # whereabouts: 10.1.0.5-10.1.0.9/24
-    whole = subnet(rest if dash else text)
+def make_range(text: str, start: str | None, end: str | None, exclude: list[str]) -> Range | None:
+    """Return the addresses of a subnet that a host may have, None if it is invalid."""
+    whole = read_subnet(text)
     if whole is None:
         return None
-    first, last = find_usable(whole)
-    if dash:
-        first, last = address(start) or first, address(rest.partition("/")[0]) or last
-    exclude = [subnet(one) for one in ipam.get("exclude") or []]
-    return Range(
-        whole,
-        address(ipam.get("range_start") or ipam.get("rangeStart")) or first,
-        address(ipam.get("range_end") or ipam.get("rangeEnd")) or last,
-        tuple(one for one in exclude if one is not None),
-    )
-
-
-def find_usable(whole: Subnet) -> tuple[Address, Address]:
-    """Return the first and last address that a host may have."""
     first, last = whole.network_address, whole.broadcast_address
-    return (first + 1, last - 1) if whole.num_addresses > 2 else (first, last)
+    if whole.num_addresses > 2:
+        first, last = first + 1, last - 1
+    taken = tuple(one for one in map(read_subnet, exclude) if one is not None)
+    return Range(whole, read_address(start) or first, read_address(end) or last, taken)
 
 
-def subnet(text: object) -> Subnet | None:
+def read_subnet(text: object) -> Subnet | None:
     """Return the range that a text contains, None if it is invalid."""
     try:
         return ipaddress.ip_network(str(text), strict=False)
@@ -159,15 +129,9 @@ def subnet(text: object) -> Subnet | None:
         return None
 
 
-def address(text: object) -> Address | None:
+def read_address(text: object) -> Address | None:
     """Return the address in a text with or without prefix length, None if it is invalid."""
     try:
         return ipaddress.ip_interface(str(text)).ip
     except ValueError:
         return None
-
-
-def _collapse(subnets: Sequence[Subnet]) -> Iterator[Subnet]:
-    """Yield the same addresses, none of them twice."""
-    yield from ipaddress.collapse_addresses(s for s in subnets if s.version == 4)
-    yield from ipaddress.collapse_addresses(s for s in subnets if s.version == 6)

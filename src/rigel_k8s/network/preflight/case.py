@@ -2,25 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import attrs
 
+from rigel_k8s.network.multus.interfaces import Request, list_requests
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight.attachments import Attachment, Range, address, find_usable, subnet
-from rigel_k8s.network.preflight.daemon import Daemon
-from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
-from rigel_k8s.network.preflight.wanted import Wanted
+from rigel_k8s.network.preflight.attachments import (
+    Attachment,
+    Range,
+    make_range,
+    read_address,
+    read_subnet,
+)
+from rigel_k8s.network.preflight.machine import Address, Daemon, MachineFacts, Subnet
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.scheduling import may_run
 
 Manifest = Mapping[str, Any]
 
 
+@attrs.frozen
+class Wanted:
+    """A workload whose pods request second networks.
+
+    Attributes:
+        pods: how many of them.
+        spec: the pods' spec, which decides where they may run.
+    """
+
+    workload: str
+    requests: Sequence[Request]
+    pods: int = 1
+    spec: Manifest = attrs.field(factory=dict)
+
+    def requests_network(self, key: str) -> bool:
+        """Return whether its pods request this attachment."""
+        return any(request.key == key for request in self.requests)
+
+
+def find_wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
+    """Yield the workloads that request an attachment, or the machine's own network."""
+    for item in objects:
+        meta, spec = item["metadata"], item.get("spec") or {}
+        template = spec.get("template") or {}
+        pod = template.get("spec") or {}
+        annotations = (template.get("metadata") or {}).get("annotations") or {}
+        requests = list_requests(annotations, meta.get("namespace", ""))
+        if requests or pod.get("hostNetwork"):
+            replicas = spec.get("replicas")
+            yield Wanted(meta["name"], requests, 1 if replicas is None else int(replicas), pod)
+
+
 @attrs.frozen(kw_only=True)
-class MachineView:
+class ClusterView:
     """What was seen of a cluster.
 
     Attributes:
@@ -30,7 +67,6 @@ class MachineView:
         attachments: those of the cluster, by NAMESPACE/NAME.
         unread: NAMESPACE/NAME of attachments that may exist, but could not be read.
         services: ranges of Services.
-        policies: the NetworkPolicies of the release's namespace.
     """
 
     multus: bool = True
@@ -41,7 +77,6 @@ class MachineView:
     attachments: Mapping[str, Attachment] = attrs.field(factory=dict)
     unread: frozenset[str] = frozenset()
     services: Sequence[Subnet] = ()
-    policies: Sequence[Manifest] = ()
 
 
 @attrs.define(slots=False)  # for cached properties; never changed
@@ -55,7 +90,7 @@ class Case:
     network: Network
     wanted: Sequence[Wanted]
     own: Mapping[str, Attachment]
-    view: MachineView = MachineView()
+    view: ClusterView = ClusterView()
 
     @cached_property
     def keys(self) -> list[str]:
@@ -77,47 +112,53 @@ class Case:
         """Return the workloads that request an attachment."""
         return [pod for pod in self.wanted if pod.requests_network(one.key)]
 
-    def pods(self, one: Attachment) -> int:
-        """Return how many pods request an attachment."""
-        return sum(pod.pods for pod in self.users(one))
-
     def nodes(self, users: Sequence[Wanted] | None = None) -> list[str]:
         """Return the machines that workloads (default: all) may run on."""
         pods = [pod.spec for pod in (self.wanted if users is None else users) if pod.pods]
         fitting = (n for n in self.view.nodes if any(may_run(pod, n) for pod in pods))
         return sorted(node["metadata"]["name"] for node in fitting)
 
-    def machines(self, one: Attachment) -> Iterator[tuple[str, MachineFacts]]:
-        """Yield the machines that an attachment's pods may run on, as far as they were seen."""
-        for node in self.nodes(self.users(one)):
-            if node in self.view.machines:
-                yield node, self.view.machines[node]
+    def machines(self, one: Attachment | None = None) -> dict[str, MachineFacts]:
+        """Return the machines that pods (default: all) may run on, as far as they were seen."""
+        nodes = self.nodes(None if one is None else self.users(one))
+        return {node: self.view.machines[node] for node in nodes if node in self.view.machines}
 
-    def ranges(self, one: Attachment) -> tuple[Range, ...]:
+    def ranges(self, one: Attachment) -> Sequence[Range]:
         """Return which addresses an attachment gives out; static ones are in the Rigelfile."""
         if one.ranges or one.ipam != "static":
             return one.ranges
-        whole = subnet(self.network.subnet) if self.network.subnet else None
-        if whole is None:
-            return ()
-        first, last = find_usable(whole)
-        exclude = tuple(s for s in map(subnet, self.network.exclude) if s is not None)
-        first = address(self.network.range_start) or first
-        return (Range(whole, first, address(self.network.range_end) or last, exclude),)
+        network = self.network
+        made = make_range(
+            network.subnet or "", network.range_start, network.range_end, network.exclude
+        )
+        return (made,) if made else ()
 
-    def list_asked_addresses(self, one: Attachment) -> dict[Address, str]:
+    def list_asked_addresses(self, one: Attachment) -> set[Address]:
         """Return the single addresses that workloads request."""
-        return {
-            given: pod.workload
-            for pod in self.users(one)
-            for request in pod.requests
-            if request.key == one.key
-            for given in request.addresses
-        }
+        requests = [r for pod in self.wanted for r in pod.requests if r.key == one.key]
+        found = (read_address(text) for request in requests for text in request.addresses)
+        return {address for address in found if address is not None}
 
+    def pod_networks(self) -> list[tuple[str, Subnet]]:
+        """Return the ranges of the pods' own network, each with its machine."""
+        found = []
+        for node in self.view.nodes:
+            spec = node.get("spec") or {}
+            for text in spec.get("podCIDRs") or [spec.get("podCIDR")]:
+                subnet = read_subnet(text)
+                if subnet is not None:
+                    found.append((node["metadata"]["name"], subnet))
+        return found
 
-def addresses_of(node: Manifest) -> dict[Address, str]:
-    """Return the addresses of a machine in Kubernetes, with the machine's name."""
-    listed = (node.get("status") or {}).get("addresses") or []
-    found = (address(one.get("address")) for one in listed)
-    return {one: node["metadata"]["name"] for one in found if one is not None}
+    def owners(self) -> dict[Address, str]:
+        """Return the addresses of machines, with its name; without those towards pods."""
+        found: dict[Address, str] = {}
+        for name, facts in self.view.machines.items():
+            found |= dict.fromkeys(facts.addresses, name)
+        for node in self.view.nodes:
+            for one in (node.get("status") or {}).get("addresses") or []:
+                address = read_address(one.get("address"))
+                if address is not None:
+                    found[address] = node["metadata"]["name"]
+        pods = [subnet for _, subnet in self.pod_networks()]
+        return {one: name for one, name in found.items() if not any(one in pod for pod in pods)}

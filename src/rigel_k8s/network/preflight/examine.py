@@ -6,38 +6,19 @@ is installed, written or changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight import finding, interfaces, policies, presence, ranges
-from rigel_k8s.network.preflight.attachments import KIND, attachment
-from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightKind
-from rigel_k8s.network.preflight.wanted import find_wanted
+from rigel_k8s.network.preflight.attachments import KIND, read_attachment
+from rigel_k8s.network.preflight.case import Case, find_wanted
+from rigel_k8s.network.preflight.checks import KINDS, find_problems
 from rigel_k8s.problems import Problem
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-
-#: All checks, in the order in which their findings are reported.
-CHECKS: Sequence[Callable[[Case], Iterator[Problem]]] = (
-    presence.presence,
-    presence.programs,
-    interfaces.interfaces,
-    ranges.ranges,
-    ranges.room,
-    policies.policies,
-)
-#: The kinds of problems that they yield, by name: each is a constant beside its check.
-KINDS: Mapping[str, PreflightKind] = {
-    value.name: value
-    for module in (presence, interfaces, ranges, policies, finding)
-    for value in vars(module).values()
-    if isinstance(value, PreflightKind)
-}
 
 #: Findings about Multus itself and the programs that its installation brings.
 MENDED = (
@@ -83,20 +64,14 @@ def examine(
     if network is None or not mode_of(network).on_machines:
         return []
     manifests = list(objects)
-    pods = list(find_wanted(manifests))
-    if not pods:
+    brought = (read_attachment(item) for item in manifests if item.get("kind") == KIND)
+    case = Case(network, list(find_wanted(manifests)), {one.key: one for one in brought})
+    if not (case.keys or (case.wanted and network.interface)):
         return []
     from rigel_k8s.network.preflight.look import look
 
-    brought = (attachment(item) for item in manifests if item.get("kind") == KIND)
-    own = {one.key: one for one in brought}
-    case, unseen = look(Case(network, pods, own), cluster)
-    return [*findings(case), *unseen]
-
-
-def findings(case: Case) -> list[Problem]:
-    """Return everything that keeps a release's network from working, each once."""
-    return list(dict.fromkeys(problem for check in CHECKS for problem in check(case)))
+    case, unseen = look(case, cluster)
+    return [*find_problems(case), *unseen]
 
 
 def failure(errors: Sequence[Problem]) -> RigelK8sError | None:

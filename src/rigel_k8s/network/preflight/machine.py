@@ -1,23 +1,27 @@
-"""One machine's interfaces, addresses and CNI programs, as a script found them.
+"""One machine: the Multus daemon in which a script examines it, and what the script finds.
 
-The script is PROBE: POSIX shell that runs inside the Multus daemon's container, so it uses only
-builtins, cat, and readlink, zcat and grep where there are any. It changes nothing.
+The script is PROBE: POSIX shell that runs inside the daemon's container, so it uses only builtins,
+cat, and readlink where there is one. It changes nothing.
 """
 
 from __future__ import annotations
 
 import ipaddress
 from collections.abc import Iterator, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import attrs
 
+from rigel_k8s.network.multus.installation import IMAGES, is_image
+from rigel_k8s.objects.facts import is_ready
+
+Manifest = Mapping[str, Any]
 Address: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
 Subnet: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 
-ETHERNET = 1  # ARPHRD_ETHER
 UP = 0x1  # IFF_UP
-GATEWAY = 0x2  # RTF_GATEWAY
+#: Where CNI programs are on machines of a usual kind.
+USUAL = "/opt/cni/bin"
 
 #: $1: where the machine's root directory is mounted, "" for nowhere; then CNI program directories.
 PROBE = r"""
@@ -25,18 +29,16 @@ root=$1; shift
 echo @links
 for d in /sys/class/net/*; do
   [ -e "$d/flags" ] || continue
-  w=- k=- u=
-  { read -r f <"$d/flags" && read -r t <"$d/type" && read -r o <"$d/operstate" &&
-    read -r m <"$d/mtu"; } 2>/dev/null || continue # deleted when its pod ends
+  w=-
+  # It is deleted when its pod ends.
+  { read -r f <"$d/flags" && read -r m <"$d/mtu"; } 2>/dev/null || continue
   if [ -e "$d/wireless" ] || [ -e "$d/phy80211" ]; then w=wireless; fi
-  while IFS='=' read -r a b; do if [ "$a" = DEVTYPE ]; then k=$b; fi; done \
+  while read -r a; do if [ "$a" = DEVTYPE=wlan ]; then w=wireless; fi; done \
     2>/dev/null <"$d/uevent"
-  for p in "$d"/upper_*; do if [ -e "$p" ]; then u=$u,${p##*/upper_}; fi; done
-  echo "${d##*/} $t $f $o $m $w $k ${u:--}"
+  echo "${d##*/} $f $m $w"
 done
 echo @routes; cat /proc/net/route
 echo @addresses; cat /proc/net/fib_trie
-echo @addresses6; if [ -e /proc/net/if_inet6 ]; then cat /proc/net/if_inet6; fi
 there() {
   q=$1 i=0
   while [ -L "$q" ] && [ ! -e "$q" ] && [ $i -lt 5 ]; do
@@ -55,11 +57,27 @@ for b in "$@"; do
     for p in "$b"/*; do if there "$p"; then echo "${p##*/}"; fi; done
   fi
 done
-if c=$(zcat /proc/config.gz 2>/dev/null | grep -E 'CONFIG_(MACVLAN|IPVLAN)[= ]'); then
-  echo @kernel; echo "$c"
-fi
 echo @end
 """
+
+
+@attrs.frozen
+class Daemon:
+    """A pod of Multus, in which a script can examine its machine.
+
+    Attributes:
+        state: why it is not ready, "" if it is.
+        root: where the machine's root directory is mounted, "" if it is not.
+        directories: where in the container the machine's CNI programs are.
+    """
+
+    node: str
+    namespace: str
+    pod: str
+    container: str
+    state: str = ""
+    root: str = ""
+    directories: tuple[str, ...] = ()
 
 
 @attrs.frozen
@@ -67,29 +85,13 @@ class Interface:
     """A network interface of a machine.
 
     Attributes:
-        ethernet: whether it carries Ethernet frames (a tunnel does not).
-        up: whether it is switched on; state: the kernel's word for its state then.
-        kind: its type: wlan, bridge, vlan, macvlan ...; "" if the kernel does not list it.
-        uppers: interfaces on top of it that are in the machine's own network.
+        up: whether it is switched on.
     """
 
     name: str
-    ethernet: bool = True
     up: bool = True
-    state: str = "up"
     mtu: int = 1500
     wireless: bool = False
-    kind: str = ""
-    uppers: tuple[str, ...] = ()
-
-
-@attrs.frozen
-class Route:
-    """A range of addresses that a machine reaches through an interface."""
-
-    interface: str
-    subnet: Subnet
-    direct: bool = True
 
 
 @attrs.frozen
@@ -97,20 +99,69 @@ class MachineFacts:
     """The facts about one machine.
 
     Attributes:
+        default_interface: that of the default route, which macvlan uses if none is named.
         programs: directory -> its CNI programs; empty if no directory could be read.
-        kernel: macvlan, ipvlan -> whether this kernel has it; left out if unknown.
     """
 
     interfaces: Mapping[str, Interface]
-    routes: tuple[Route, ...] = ()
+    default_interface: str | None = None
     addresses: frozenset[Address] = frozenset()
     programs: Mapping[str, frozenset[str]] = attrs.field(factory=dict)
-    kernel: Mapping[str, bool] = attrs.field(factory=dict)
 
-    @property
-    def default_interface(self) -> str | None:
-        """The interface of the default route, which macvlan uses if none is named."""
-        return next((r.interface for r in self.routes if r.subnet.prefixlen == 0), None)
+
+def read_daemon(pod: Manifest) -> Daemon:
+    """Return the facts about a pod of Multus that are needed to examine its machine."""
+    spec, meta = pod["spec"], pod["metadata"]
+    running = (c for c in spec["containers"] if is_image(c.get("image", ""), IMAGES["multus"]))
+    container = next(running, spec["containers"][0])
+    paths = {
+        volume["name"]: volume["hostPath"]["path"]
+        for volume in spec.get("volumes") or []
+        if "hostPath" in volume
+    }
+    mounts = {
+        paths[m["name"]]: m["mountPath"]
+        for m in container.get("volumeMounts") or []
+        if m["name"] in paths and not m.get("subPath")
+    }
+    root = mounts.get("/", "")
+    return Daemon(
+        node=spec.get("nodeName", ""),
+        namespace=meta["namespace"],
+        pod=meta["name"],
+        container=container["name"],
+        state=explain_state(pod),
+        root=root,
+        directories=tuple(list_directories(spec, mounts, root)),
+    )
+
+
+def list_directories(spec: Manifest, mounts: Mapping[str, str], root: str) -> Iterator[str]:
+    """Yield the directories of the machine's CNI programs: our own pods' variable, or the mounts.
+
+    If two paths lead to one directory, that below the machine's root is used: links resolve there.
+    """
+    variables = [v for c in spec["containers"] for v in c.get("env") or []]
+    known = [v["value"] for v in variables if v["name"] == "BIN_DIR" and v.get("value")]
+    mounted = [path for path in mounts if path.rstrip("/").endswith(("/bin", "/data/cni"))]
+    for path in known or mounted or [USUAL]:
+        if root:
+            yield root.rstrip("/") + path
+        elif path in mounts:
+            yield mounts[path]
+
+
+def explain_state(pod: Manifest) -> str:
+    """Return why a pod is not ready, "" if it is."""
+    if is_ready(pod):
+        return ""
+    status = pod.get("status") or {}
+    for key in ("initContainerStatuses", "containerStatuses"):
+        for one in status.get(key) or []:
+            waiting = (one.get("state") or {}).get("waiting") or {}
+            if waiting.get("reason"):
+                return str(waiting["reason"])
+    return str(status.get("phase") or "not ready")
 
 
 def parse(text: str) -> MachineFacts:
@@ -119,28 +170,6 @@ def parse(text: str) -> MachineFacts:
     Raises:
         ValueError: the text is not the script's whole output.
     """
-    sections = _sections(text)
-    if "end" not in sections:
-        raise ValueError("the output of the script on the machine is incomplete")
-    interfaces = {one.name: one for one in map(_interface, sections["links"])}
-    directories = {
-        name.partition(" ")[2]: frozenset(lines)
-        for name, lines in sections.items()
-        if name.startswith("programs ")
-    }
-    return MachineFacts(
-        interfaces=interfaces,
-        routes=tuple(_routes(sections["routes"][1:])),
-        addresses=frozenset(
-            [*_addresses(sections["addresses"]), *_addresses6(sections["addresses6"])]
-        ),
-        programs=directories,
-        kernel=dict(_kernel(sections.get("kernel", []))),
-    )
-
-
-def _sections(text: str) -> dict[str, list[str]]:
-    """Return the lines below each line that starts with @."""
     sections: dict[str, list[str]] = {}
     lines: list[str] = []
     for line in text.splitlines():
@@ -148,34 +177,29 @@ def _sections(text: str) -> dict[str, list[str]]:
             lines = sections.setdefault(line[1:], [])
         elif line.strip():
             lines.append(line)
-    return sections
-
-
-def _interface(line: str) -> Interface:
-    name, kind, flags, state, mtu, wireless, devtype, uppers = line.split()
-    return Interface(
-        name,
-        ethernet=int(kind) == ETHERNET,
-        up=bool(int(flags, 16) & UP),
-        state=state,
-        mtu=int(mtu),
-        wireless=wireless == "wireless" or devtype == "wlan",
-        kind="" if devtype == "-" else devtype,
-        uppers=tuple(uppers.strip(",-").split(",")) if uppers != "-" else (),
+    if "end" not in sections:
+        raise ValueError("the output of the script on the machine is incomplete")
+    interfaces = {}
+    for line in sections["links"]:
+        name, flags, mtu, wireless = line.split()
+        up = bool(int(flags, 16) & UP)
+        interfaces[name] = Interface(name, up, int(mtu), wireless == "wireless")
+    routes = [line.split() for line in sections["routes"]]  # interface, target, ..., mask
+    defaults = [words[0] for words in routes if words[1] == words[7] == "00000000"]
+    programs = {
+        name.partition(" ")[2]: frozenset(lines)
+        for name, lines in sections.items()
+        if name.startswith("programs ")
+    }
+    return MachineFacts(
+        interfaces,
+        defaults[0] if defaults else None,
+        frozenset(read_addresses(sections["addresses"])),
+        programs,
     )
 
 
-def _routes(lines: list[str]) -> Iterator[Route]:
-    """Read /proc/net/route: numbers are hexadecimal in the machine's byte order."""
-    for line in lines:
-        interface, target, _, flags, _, _, _, mask = line.split()[:8]
-        prefix = int(mask, 16).bit_count()
-        address = ipaddress.IPv4Address(int.from_bytes(bytes.fromhex(target), "little"))
-        subnet = ipaddress.ip_network((address, prefix), strict=False)
-        yield Route(interface, subnet, direct=not int(flags, 16) & GATEWAY)
-
-
-def _addresses(lines: list[str]) -> Iterator[Address]:
+def read_addresses(lines: list[str]) -> Iterator[Address]:
     """Read /proc/net/fib_trie: the machine's own addresses are its /32 entries with LOCAL."""
     leaf = ""
     for line in lines:
@@ -184,18 +208,3 @@ def _addresses(lines: list[str]) -> Iterator[Address]:
             leaf = words[1]
         elif words == ["/32", "host", "LOCAL"] and not leaf.startswith("127."):
             yield ipaddress.IPv4Address(leaf)
-
-
-def _addresses6(lines: list[str]) -> Iterator[Address]:
-    for line in lines:
-        address = ipaddress.IPv6Address(bytes.fromhex(line.split()[0]))
-        if not address.is_loopback and not address.is_link_local:
-            yield address
-
-
-def _kernel(lines: list[str]) -> Iterator[tuple[str, bool]]:
-    """Read the kernel's configuration: `CONFIG_X=m`, or `# CONFIG_X is not set`."""
-    for line in lines:
-        name, _, value = line.lstrip("# ").removeprefix("CONFIG_").partition("=")
-        if value or name.endswith(" is not set"):
-            yield name.split()[0].lower(), value in ("y", "m")

@@ -10,12 +10,10 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import Case, MachineView
-from rigel_k8s.network.preflight.daemon import Daemon
-from rigel_k8s.network.preflight.examine import KINDS, findings
-from rigel_k8s.network.preflight.machine import Interface, MachineFacts, parse
-from rigel_k8s.network.preflight.wanted import find_wanted
+from rigel_k8s.network.preflight.attachments import read_attachment
+from rigel_k8s.network.preflight.case import Case, ClusterView, find_wanted
+from rigel_k8s.network.preflight.checks import KINDS, find_problems
+from rigel_k8s.network.preflight.machine import Daemon, Interface, MachineFacts, parse
 from rigel_k8s.problems import Problem
 
 MACHINES = Path(__file__).parent / "machines"
@@ -86,13 +84,13 @@ def workload(
     }
 
 
-def view(**changes: Any) -> MachineView:
+def view(**changes: Any) -> ClusterView:
     """Two machines, alike, with Multus on both."""
     daemons = {
         name: Daemon(name, "kube-system", f"multus-{name}", "kube-multus")
         for name in ("node1", "node2")
     }
-    plain = MachineView(
+    plain = ClusterView(
         nodes=[node("node1"), node("node2")],
         daemons=daemons,
         machines={"node1": machine(), "node2": machine()},
@@ -102,13 +100,13 @@ def view(**changes: Any) -> MachineView:
 
 def found(
     *objects: dict[str, Any],
-    seen: MachineView | None = None,
+    seen: ClusterView | None = None,
     network: Network | None = None,
 ) -> list[Problem]:
     """What is found where objects (default: a workload and its macvlan) meet a cluster."""
     items = list(objects) or [nad(), workload()]
-    own = [attachment(item) for item in items if item["kind"] == "NetworkAttachmentDefinition"]
-    return findings(
+    own = [read_attachment(item) for item in items if item["kind"] == "NetworkAttachmentDefinition"]
+    return find_problems(
         Case(
             network or Network(mode="macvlan"),
             list(find_wanted(items)),

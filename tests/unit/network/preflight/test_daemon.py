@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
+from rigel_k8s.network.multus.installation import runs
+from rigel_k8s.network.preflight.machine import Daemon, read_daemon
 
 READY = {"conditions": [{"type": "Ready", "status": "True"}]}
 
@@ -87,7 +88,7 @@ UNUSUAL = pod(
 def test_where_the_machine_is(made: dict[str, Any], name: str, root: str, directory: str) -> None:
     """The container, the machine's root directory in it, and its CNI programs."""
     expected = Daemon("node1", "kube-system", "multus-x", name, root=root, directories=(directory,))
-    assert daemon(made) == expected
+    assert read_daemon(made) == expected
 
 
 @pytest.mark.parametrize(
@@ -109,7 +110,7 @@ def test_where_the_machine_is(made: dict[str, Any], name: str, root: str, direct
 def test_why_it_is_not_ready(status: dict[str, Any], state: str) -> None:
     """The reason that Kubernetes has for it."""
     made = pod(container("multus", "multus-cni:1", {}), volumes={}, status=status)
-    assert daemon(made).state == state
+    assert read_daemon(made).state == state
 
 
 @pytest.mark.parametrize(
@@ -123,6 +124,7 @@ def test_why_it_is_not_ready(status: dict[str, Any], state: str) -> None:
 )
 def test_which_daemon_sets_are_multus(name: str, image: str, *, expected: bool) -> None:
     """By its name or its image's, not by the registry that the image is in."""
-    template = {"spec": {"containers": [{"name": "x", "image": image}]}}
+    volumes = [{"name": "cni", "hostPath": {"path": "/etc/cni/net.d"}}]
+    template = {"spec": {"containers": [{"name": "x", "image": image}], "volumes": volumes}}
     made = {"metadata": {"name": name}, "spec": {"template": template}}
-    assert is_multus(made) is expected
+    assert runs("multus", made) is expected

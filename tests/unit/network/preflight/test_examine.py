@@ -8,9 +8,8 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.network.options import Network, network_of
+from rigel_k8s.network.preflight.checks import MTU, MULTUS_MISSING
 from rigel_k8s.network.preflight.examine import examine, failure
-from rigel_k8s.network.preflight.interfaces import MTU
-from rigel_k8s.network.preflight.presence import MULTUS_MISSING
 
 LACKS = MULTUS_MISSING.problem("Multus is not installed", "install it")
 WRONG = MTU.problem("an MTU of 9000 does not fit", "a smaller one")

@@ -22,8 +22,7 @@ nodes.py       the way to nodes: whether they are there, what they hear from the
 restoring.py   gives a new master what it is missing; trusts one that has not restarted
 newcomers.py   nodes that wait for a name: what they register, are answered and receive meanwhile
 takeover.py    gives names to those that wait; notes nodes that took one without a hand-over
-changes.py     answers calls that change the master's registrations
-gate.py        connects the parts: every call arrives here and is passed to one of them
+gate.py        every call arrives here; one that changes registrations is passed on, or waits
 
 How it runs:
 

@@ -1,11 +1,14 @@
-"""The gate: every call to the master arrives here, and is passed to the part that answers it.
+"""The gate: every call to the master arrives here.
 
-The parts, and what each one promises, are in modules of their own; here they are connected.
+A call that changes registrations is passed to the master, or its node waits for the name. The parts
+that decide when a name changes hands, and what a new master gets, are modules of their own.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
+from functools import partial
 from typing import Any, Callable
 
 from rigel_gate.calls import (
@@ -15,18 +18,21 @@ from rigel_gate.calls import (
     Answer,
     BadCall,
     Call,
+    Removal,
     fault,
+    registration_of,
+    removal_of,
 )
-from rigel_gate.changes import Changes
 from rigel_gate.context import Context
-from rigel_gate.handover import are_rivals, find_own_service
+from rigel_gate.handover import are_rivals, find_own_service, find_owner
 from rigel_gate.links import Links
 from rigel_gate.master import Master
 from rigel_gate.newcomers import Newcomers
 from rigel_gate.nodes import Nodes
-from rigel_gate.registry import host_of, resolve_name
+from rigel_gate.parameters import Parameters
+from rigel_gate.registry import Registration, host_of, resolve_name
 from rigel_gate.restoring import Restoring
-from rigel_gate.state import Event, State
+from rigel_gate.state import Event, State, pack, unpack
 from rigel_gate.takeover import TakeOver
 
 #: Seconds between two checks of the nodes that wait for a name and of those that have it.
@@ -64,9 +70,6 @@ class Gate:
         self._restoring = Restoring(self._context, self._master, self._nodes)
         self._newcomers = Newcomers(self._context, self._master, self._nodes)
         self._takeover = TakeOver(self._context, self._master, self._nodes, self._newcomers)
-        self._changes = Changes(
-            self._context, self._master, self._nodes, self._newcomers, self._takeover
-        )
 
     def start(self) -> None:
         """Look for the master, and check the nodes that wait, until stopped."""
@@ -101,7 +104,7 @@ class Gate:
         try:
             if call.method == "lookupService" and hands_over:
                 return await self._find_service(call, host)
-            answer = await self._changes.answer(call, hands_over=hands_over)
+            answer = await self._change(call, hands_over=hands_over)
         except BadCall:  # the master answers with its own error
             answer = None
         return answer or await self._master.ask(call)
@@ -132,6 +135,91 @@ class Gate:
             return Answer([-1, "no provider", ""])
         return answer
 
+    # -- calls that change registrations: one at a time, and the state changes with each --
+
+    async def _change(self, call: Call, *, hands_over: bool) -> Answer | None:
+        """Return the answer to a call, None for one that changes nothing; may raise BadCall."""
+        one = registration_of(call)
+        if one:
+            return await self._register(call, one, hands_over=hands_over)
+        removal = removal_of(call)
+        if removal:
+            return await self._unregister(call, removal)
+        if call.method == "setParam" and len(call.params) == 3:
+            return await self._set_parameter(call)
+        if call.method == "deleteParam":
+            node, key = call.texts(2)
+            return await self._change_parameter(call, ("delete", resolve_name(key, node)))
+        return None
+
+    async def _register(self, call: Call, one: Registration, *, hands_over: bool) -> Answer:
+        while True:
+            before = self.state.registry.api_of(one.node)
+            lives = False
+            if before not in (None, one.api):
+                lives, there = await asyncio.gather(
+                    self._nodes.lives(str(before)), self._nodes.find(one.api)
+                )
+                if there is False:  # its call has waited, for the master perhaps
+                    return fault(f"{one.node} at {one.api} has ended")
+            async with self._context.turn:
+                if self.state.registry.api_of(one.node) != before:
+                    continue
+                waits = (one.node, one.api) in self.state.newcomers
+                if not waits:
+                    owner = find_owner(self.state, one, hands_over=hands_over)
+                    waits = lives and owner is not None
+                if waits:
+                    self._newcomers.wait(one)
+                    break
+                if self._master.is_ready:
+                    if lives:
+                        self._takeover.note_conflict(one, str(before))
+                    answer = await self._master.call(call, partial(self._nodes.settle, one))
+                    if answer.is_success and not self.state.registry.has(one):
+                        self._context.note("register", *one, hands_over)
+                    return answer
+            await self._master.until_ready()  # and look again: much may change meanwhile
+        return await self._newcomers.answer(one)
+
+    async def _unregister(self, call: Call, removal: Removal) -> Answer:
+        if removal in self._context.lapsing:
+            return answer_removal(removal)
+        self._context.removals.append(removal)
+        try:
+            async with self._context.turn:
+                if self._newcomers.take_back(removal):
+                    return answer_removal(removal)
+                answer = await self._master.call(call, partial(self._nodes.settle, removal))
+                if answer.is_success:
+                    self._context.note("unregister", *removal)
+                if self.state.registry.api_of(removal.node) is None:
+                    self._context.spawn(self._takeover.give_free(removal.node))
+                return answer
+        finally:
+            self._context.removals.remove(removal)
+
+    async def _set_parameter(self, call: Call) -> Answer:
+        """Set a parameter, unless it is one that could not be given to the next master."""
+        node, key = call.texts(2)
+        name, value = resolve_name(key, node), call.params[2]
+        try:
+            packed = pack(value)
+            Parameters().set(name, unpack(packed))
+        except Exception as error:  # of xmlrpc.client: a large number, a date that is none
+            return fault(f"{name} cannot be set: {error!r}")
+        return await self._change_parameter(call, ("set", name, packed))
+
+    async def _change_parameter(self, call: Call, event: tuple[str, ...]) -> Answer:
+        async with self._context.turn:
+            answer = await self._master.call(call)
+            if answer.is_success:
+                self._context.note(*event)
+                self._newcomers.send_parameter(event[1])
+            return answer
+
+    # -- from time to time --
+
     async def _watch_nodes(self) -> None:
         """Check nodes from time to time."""
         while True:
@@ -160,3 +248,8 @@ class Gate:
             "unkept": self._list_troubles(),
             "nodes": len(self.state.registry.nodes),
         }
+
+
+def answer_removal(removal: Removal) -> Answer:
+    """Return what the master answers when it has removed a registration."""
+    return Answer.good(f"Unregistered [{removal.node}]", 1)

@@ -39,7 +39,7 @@ class Registration(NamedTuple):
 
 
 class NodeEntry:
-    """A node of the master, and all that it has registered.
+    """A node, and all that it has registered.
 
     Attributes:
         hands_over: it came by the door of nodes that hand their names over.
@@ -50,6 +50,20 @@ class NodeEntry:
         self.api = api
         self.hands_over = False
         self.registrations: dict[tuple[str, str], Registration] = {}
+
+    @property
+    def host(self) -> str:
+        """The address that it advertises."""
+        return host_of(self.api)
+
+    def all(self) -> list[Registration]:
+        """Return its registrations, in the order in which a master receives them.
+
+        Its log comes after its other topics, whose subscribers receive from no one meanwhile.
+        """
+        return sorted(
+            self.registrations.values(), key=lambda one: (KINDS.index(one.kind), one.key == ROSOUT)
+        )
 
 
 class Registry:

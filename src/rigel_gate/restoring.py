@@ -27,7 +27,6 @@ from rigel_gate.recovery import (
     read_system,
 )
 from rigel_gate.registry import (
-    KINDS,
     ROSOUT,
     SERVICE,
     SUBSCRIBER,
@@ -172,7 +171,7 @@ class Restoring:
             self._context.log(f"{name} answers again: it is registered with the new master")
 
     async def _register_all(self, entry: NodeEntry) -> None:
-        for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
+        for one in entry.all():
             await self._master.call(call_of(one), partial(self._nodes.settle, one))
             self._nodes.send_answer(one)
 

@@ -10,7 +10,7 @@ import xmlrpc.client
 from typing import Any, Iterator, List, NamedTuple
 
 from rigel_gate.parameters import Parameters
-from rigel_gate.registry import KINDS, ROSOUT, Registration, Registry, host_of
+from rigel_gate.registry import KINDS, NodeEntry, Registration, Registry
 
 Event = List[Any]
 
@@ -29,34 +29,16 @@ class GatePod(NamedTuple):
     workload: str
 
 
-class Newcomer:
-    """A node that waits for a name, and what it has registered so far.
+class Newcomer(NodeEntry):
+    """A node that waits for a name.
 
     Attributes:
         quiet_since: when it last registered anything, by the gate's clock; not kept.
         is_silent: whether its machine could not be reached at the last look; not kept.
     """
 
-    def __init__(self, name: str, api: str) -> None:
-        self.name = name
-        self.api = api
-        self.quiet_since = 0.0
-        self.is_silent = False
-        self.registrations: dict[tuple[str, str], Registration] = {}
-
-    @property
-    def host(self) -> str:
-        """The address that it advertises."""
-        return host_of(self.api)
-
-    def all(self) -> list[Registration]:
-        """Return its registrations, in the order in which the master learns them.
-
-        Its log comes after its other topics, whose subscribers receive from no one meanwhile.
-        """
-        return sorted(
-            self.registrations.values(), key=lambda one: (KINDS.index(one.kind), one.key == ROSOUT)
-        )
+    quiet_since = 0.0
+    is_silent = False
 
 
 #: How many words each event has after its name. All are texts; a `register` ends with yes or no.

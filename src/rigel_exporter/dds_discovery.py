@@ -6,7 +6,7 @@ out; it must not depend on sockets, time, or the use of what it reads.
 
 from __future__ import annotations
 
-from struct import pack, unpack_from
+from struct import pack
 from typing import NamedTuple, Union
 
 from rigel_inpod import rtps
@@ -17,10 +17,10 @@ SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = b"\x00\x00\x04\xc2", b"\x00\x00\x04
 
 #: We announce ourselves and our readers, and read all others; we have no writers.
 ENDPOINTS = 0x01 | 0x02 | 0x08 | 0x10 | 0x20
-HAS_PUBLICATIONS, HAS_SUBSCRIPTIONS, HAS_SUBSCRIPTIONS_READER = 0x04, 0x10, 0x20
+HAS_PUBLICATIONS, HAS_SUBSCRIPTIONS = 0x04, 0x10
 
 PID_TOPIC, PID_TYPE, PID_RELIABILITY, PID_DURABILITY = 0x0005, 0x0007, 0x001A, 0x001D
-PID_OWNERSHIP, PID_PARTITION, PID_UNICAST = 0x001F, 0x0029, 0x002F
+PID_OWNERSHIP, PID_PARTITION = 0x001F, 0x0029
 PID_ENDPOINT, PID_REPRESENTATION = 0x005A, 0x0073
 #: The property of participants to which a discovery server sends everything, and the protocol's
 #: version.
@@ -62,14 +62,15 @@ def endpoint(payload: Payload) -> Endpoint:
         raise rtps.Malformed("an endpoint without a GUID")
     if any(len(found.raw(pid)) > LONGEST for pid in (PID_TOPIC, PID_TYPE, PID_PARTITION)):
         raise rtps.Malformed("an endpoint with a name that DDS does not allow")
-    repeated = (PID_OWNERSHIP, PID_PARTITION)
+    # We write little-endian: a big-endian writer's would have to be converted.
+    repeated = (PID_OWNERSHIP, PID_PARTITION) if found.order == "<" else ()
     return Endpoint(
         guid=guid,
         topic=found.text(PID_TOPIC),
         type=found.text(PID_TYPE),
         is_reliable=found.get(PID_RELIABILITY, "I", (BEST_EFFORT,))[0] == RELIABLE,
         is_local=found.get(PID_DURABILITY, "I", (VOLATILE,))[0] >= TRANSIENT_LOCAL,
-        quality=tuple((pid, _convert_to_little(found, pid)) for pid in repeated if found.raw(pid)),
+        quality=tuple((pid, found.raw(pid)) for pid in repeated if found.raw(pid)),
     )
 
 
@@ -77,26 +78,6 @@ def key_of(payload: Payload) -> bytes:
     """Return the GUID in a payload that is only a key, empty if it has none."""
     found = Parameters(payload)
     return bytes(found.raw(PID_ENDPOINT) or found.raw(PID_GUID))
-
-
-def _convert_to_little(found: Parameters, pid: int) -> bytes:
-    """Return a value of words and texts in little-endian order, as we write everything."""
-    raw: bytes = found.raw(pid)
-    return raw if found.order == "<" else _swap_order(raw, pid)
-
-
-def _swap_order(raw: bytes, pid: int) -> bytes:
-    """Swap the byte order of an ownership's word, or of a partition's list of texts."""
-    if len(raw) < 4:
-        raise rtps.Malformed("a quality of service without a value")
-    value = pack("<I", *unpack_from(">I", raw))
-    at = 4
-    while pid == PID_PARTITION and at + 4 <= len(raw):
-        (size,) = unpack_from(">I", raw, at)
-        padding = b"\0" * (-size % 4)
-        value += pack("<I", size) + raw[at + 4 : at + 4 + size] + padding
-        at += 4 + size + len(padding)
-    return value
 
 
 def reader_payload(own: Endpoint) -> bytes:
@@ -114,8 +95,3 @@ def reader_payload(own: Endpoint) -> bytes:
         *own.quality,
     ]
     return bytes(rtps.serialized(pairs))
-
-
-def reader_key(own: Endpoint) -> bytes:
-    """Write that a reader of ours was removed."""
-    return bytes(rtps.serialized([(PID_ENDPOINT, own.guid)]))

@@ -298,7 +298,8 @@ class Participant:
             r for r in self._own_readers if names.topic_name(r.topic) == subscription.topic
         ]:
             self._outgoing.drop(self._own_readers.pop(reader))
-            self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
+            gone = rtps.serialized([(discovery.PID_ENDPOINT, reader.guid)])
+            self._publish(reader.guid, gone, is_gone=True)
 
     def _match(self, writer: Endpoint) -> None:
         """Announce a reader for a writer, if its topic is subscribed to."""

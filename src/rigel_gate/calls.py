@@ -151,12 +151,7 @@ _REGISTER = {
     "registerService": SERVICE,
     "subscribeParam": PARAMETER,
 }
-_UNREGISTER = {
-    "unregisterPublisher": PUBLISHER,
-    "unregisterSubscriber": SUBSCRIBER,
-    "unregisterService": SERVICE,
-    "unsubscribeParam": PARAMETER,
-}
+_UNREGISTER = {f"un{method}": kind for method, kind in _REGISTER.items()}
 
 
 def registration_of(call: Call) -> Registration | None:

@@ -15,6 +15,7 @@ first ports; --server: a discovery server; --beacon: a text for the other stand-
 Python 3.6 and newer, nothing but the standard library.
 """
 
+import argparse
 import json
 import os
 import select
@@ -33,40 +34,18 @@ SERVER = 11811  # a discovery server's default port
 FIRST_PORTS = 4  # how many participants of an address are asked, as Fast DDS does
 
 
-class Arguments(object):
-    """The words of the command line."""
-
-    def __init__(self, words):
-        """Raise ValueError if they are wrong."""
-        self.domain, self.interface, self.seconds = None, None, 10.0
-        self.announce, self.beacon, self.ask, self.server = False, None, [], []
-        self.router = None
-        words = list(words)
-        while words:
-            word = words.pop(0)
-            if word == "--announce":
-                self.announce = True
-            elif word in _VALUES and words:
-                self._take(word[2:], _VALUES[word](words.pop(0)))
-            else:
-                raise ValueError("unknown argument %s" % word)
-
-    def _take(self, name, value):
-        if name in ("ask", "server"):
-            getattr(self, name).append(value)
-        else:
-            setattr(self, name, value)
-
-
-_VALUES = {
-    "--domain": int,
-    "--interface": str,
-    "--seconds": float,
-    "--beacon": str,
-    "--ask": str,
-    "--server": str,
-    "--router": int,
-}
+def read_arguments(words):
+    """Return the words of the command line; end with exit code 2 if they are wrong."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--domain", type=int)
+    parser.add_argument("--interface")
+    parser.add_argument("--announce", action="store_true")
+    parser.add_argument("--beacon")
+    parser.add_argument("--ask", action="append", default=[])
+    parser.add_argument("--server", action="append", default=[])
+    parser.add_argument("--router", type=int)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    return parser.parse_args(words)
 
 
 class Look(object):
@@ -196,15 +175,9 @@ def write(value):
 
 
 def main(words):
-    """Run the script and return its exit code."""
-    try:
-        look = Look(Arguments(words))
-    except ValueError as error:
-        sys.stdout.write("wrong arguments: %s\n" % error)
-        return 2
-    look.run()
-    return 0
+    """Run the script."""
+    Look(read_arguments(words)).run()
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

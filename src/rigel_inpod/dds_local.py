@@ -67,16 +67,16 @@ def waiting(inode):
 
 def udp_sockets():
     """Return all UDP sockets of this network namespace that are bound to an IPv4 address."""
-    return [_socket(line.split()) for line in _lines("/proc/net/udp")]
+    return [_socket(fields) for fields in container.read_table("net/udp")]
 
 
 def connections(port):
     """Return (peer, pid) of this container's established TCP connections to a port."""
-    found = []
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for fields in (line.split() for line in _lines(table)):
-            if fields[3] == "01" and int(fields[2].rpartition(":")[2], 16) == port:
-                found.append((_address(fields[2].partition(":")[0]), fields[9]))
+    found = [
+        (_address(fields[2].partition(":")[0]), fields[9])
+        for fields in container.tcp_sockets(container.ESTABLISHED)
+        if container.port_of(fields[2]) == port
+    ]
     owners = _owners()
     return [(peer, owners.get(inode, 0)) for peer, inode in found if _ours(inode, owners)]
 
@@ -147,14 +147,6 @@ def _address(text):
     """Return the last IPv4 address in /proc's notation of an address."""
     raw = bytes.fromhex(text[-8:])
     return socket.inet_ntoa(raw[::-1] if _LITTLE else raw)
-
-
-def _lines(path):
-    try:
-        with open(path) as file:
-            return file.read().splitlines()[1:]
-    except OSError:
-        return []
 
 
 _LITTLE = pack("=H", 1) == b"\x01\x00"

@@ -32,24 +32,16 @@ class Memory(object):
 
     def __init__(self):
         """Read what is kept; nothing if the container has restarted since."""
-        self.mark = container.started()
         self.run, self.nodes, self.searched = "", {}, {}
-        for path in FILES:
-            lines = _lines(path)
-            if ["mark", self.mark] in lines:
-                for line in lines:
-                    self._take(*line)
-                return
+        for words in container.load_words(FILES):
+            self._take(*words)
 
     def save(self):
         """Keep it for the next probe; a container without a writable place just requests more."""
-        lines = [("mark", self.mark), ("run", self.run)]
+        lines = [("run", self.run)]
         lines += [("node", n.name, n.uri, n.pid or 0) for n in self.nodes.values()]
         lines += [("searched", pid, times) for pid, times in self.searched.items()]
-        text = "".join("\t".join(str(word) for word in line) + "\n" for line in lines)
-        for path in FILES:
-            if _write(path, text):
-                return
+        container.save_words(FILES, lines)
 
     def _take(self, kind, *words):
         if kind == "run":
@@ -59,23 +51,3 @@ class Memory(object):
             self.nodes[name] = Node(name, uri, int(pid) or None)
         elif kind == "searched":
             self.searched[int(words[0])] = int(words[1])
-
-
-def _lines(path):
-    try:
-        with open(path) as file:
-            return [line.rstrip("\n").split("\t") for line in file]
-    except (IOError, OSError, ValueError):
-        return []
-
-
-def _write(path, text):
-    """Write all or nothing: two probes may run at the same time."""
-    partial = "%s.%d" % (path, os.getpid())
-    try:
-        with open(partial, "w") as file:
-            file.write(text)
-        os.rename(partial, path)
-        return True
-    except (IOError, OSError):
-        return False

@@ -43,27 +43,14 @@ class Progress(object):
 
     def save(self):
         """Write it where this container can write."""
-        words = (container.started(), self.step, plain(self.line), self.token, self.pid)
-        for path in FILES:
-            try:
-                with open("%s.%d" % (path, os.getpid()), "w") as file:
-                    file.write("\t".join(str(word) for word in words))
-                os.rename(file.name, path)
-                return
-            except (IOError, OSError):
-                continue
+        words = (self.step, plain(self.line), self.token, self.pid)
+        container.save_words(FILES, [words])
 
     @classmethod
     def load(cls):
         """Return what was written since the container started, None if nothing was."""
-        for path in FILES:
-            try:
-                with open(path) as file:
-                    words = file.read().split("\t")
-            except (IOError, OSError):
-                continue
-            if len(words) == 5 and words[0] == container.started():
-                return cls(words[1], words[2], words[3], int(words[4]))
+        for step, line, token, pid in container.load_words(FILES):
+            return cls(step, line, token, int(pid))
         return None
 
 

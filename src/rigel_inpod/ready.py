@@ -30,7 +30,7 @@ try:
 except ImportError:  # Python 2
     from thread import start_new_thread
 
-from container import Listeners, command, is_unanswered, processes
+from container import Listeners, command, processes
 from memory import Memory, Node
 from rosrpc import Api, CallFailed, split
 
@@ -42,10 +42,6 @@ CALM = 10  # looks after which a tick gets five times as long: all pods ask one 
 FRESH = 2.0  # seconds that "this name belongs to another pod" is believed
 ROSVERSION = "/rosversion"  # a parameter that roscore sets after its master has started
 ROSOUT = "/rosout"  # belongs to a roscore; where an image starts one itself it makes nothing ready
-UNANSWERED = (
-    "; a connection to the master that began before this machine knew its Service gets no answer:"
-    " the node tries again after about two minutes, a new pod at once"
-)
 SEARCHES = 3  # times that the master is searched for the nodes of one process
 
 
@@ -234,8 +230,7 @@ class Look(object):
         what = self.name or "no ROS node of this pod"
         what += " is not registered" if self.name else " is registered"
         text = "%s at %s with the ROS master at %s (processes that listen here: %s)"
-        text %= (what, self._addresses()[0], self.master.uri, here)
-        return text + UNANSWERED * is_unanswered(split(self.master.uri)[1])
+        return text % (what, self._addresses()[0], self.master.uri, here)
 
     # -- what is this pod's --
 

@@ -216,18 +216,11 @@ def test_names():
     ]
 
 
-def test_partition_is_repeated_in_our_order():
-    """A big-endian writer's partition is repeated little-endian, or its reader is not matched."""
-    value = pack(">I", 1) + pack(">I", 5) + b"east\0" + b"\0" * 3
-    pairs = [
-        (discovery.PID_ENDPOINT, OTHER + WRITER),
-        (discovery.PID_PARTITION, value),
-        (rtps.PID_SENTINEL, b""),
-    ]
-    listed = b"".join(pack(">HH", pid, len(raw)) + raw for pid, raw in pairs)
-    found = discovery.endpoint(b"\x00\x02\x00\x00" + listed)
-    little = pack("<I", 1) + pack("<I", 5) + b"east\0" + b"\0" * 3
-    assert found.quality == ((discovery.PID_PARTITION, little),)
+def test_partition_is_repeated():
+    """Or its reader is not matched; a big-endian writer's is not, since we write little-endian."""
+    value = pack("<I", 1) + spdp.text("east")
+    pairs = [(discovery.PID_ENDPOINT, OTHER + WRITER), (discovery.PID_PARTITION, value)]
+    assert discovery.endpoint(rtps.serialized(pairs)).quality == ((discovery.PID_PARTITION, value),)
 
 
 @pytest.mark.parametrize("pid", ["PID_TOPIC", "PID_TYPE", "PID_PARTITION"])

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-from tests.support.until import until
-
-from .conftest import ROOM
 
 SHELL, NODE, TOOL, CHILD = 1, 8, 40, 41
 
@@ -155,28 +150,6 @@ def listening() -> Iterator[tuple[int, int]]:
         assert process.stdout
         yield process.pid, int(process.stdout.readline())
         process.communicate()
-
-
-@pytest.mark.programs
-def test_a_connection_without_an_answer():
-    """The queue of a server that accepts nothing is full: the kernel drops what comes next."""
-    with ExitStack() as stack:
-        server, first, second = (stack.enter_context(socket.socket()) for _ in range(3))
-        server.bind(("127.0.0.1", 0))
-        server.listen(0)
-        address = server.getsockname()
-        first.connect(address)
-        assert not sees_unanswered(address[1])
-        second.setblocking(False)
-        second.connect_ex(address)
-        until(lambda: sees_unanswered(address[1]), "two repetitions", 20)
-    assert not sees_unanswered(address[1])
-
-
-def sees_unanswered(port: int) -> bool:
-    """Ask in a process beside this one, as a probe is: a process does not count itself."""
-    text = f"import sys, container; sys.exit(container.is_unanswered({port}))"
-    return subprocess.run([sys.executable, "-c", text], cwd=ROOM, check=False).returncode == 1
 
 
 @pytest.mark.programs

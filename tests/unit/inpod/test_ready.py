@@ -95,17 +95,6 @@ def test_a_process_that_has_not_registered_is_not_ready(pod: Pod, graph: RosGrap
     assert "12 program 12" in line
 
 
-def test_a_connection_that_the_master_never_sees_is_the_cause(
-    pod: Pod, graph: RosGraph, monkeypatch: pytest.MonkeyPatch
-):
-    """It began before the machine knew the Service; a new one works, as the probe's own does."""
-    asked: list[int] = []
-    monkeypatch.setattr(pod.ready, "is_unanswered", lambda port: not asked.append(port))
-    pod.runs(graph.program(), pid=12)
-    assert "gets no answer: the node tries again after about two minutes" in pod.probe()
-    assert asked == [int(graph.master.uri.rstrip("/").rpartition(":")[2])]
-
-
 def test_nothing_that_listens_is_not_ready(pod: Pod):
     assert pod.probe().startswith("no process of this container listens yet")
 

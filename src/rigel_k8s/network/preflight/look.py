@@ -118,7 +118,7 @@ class Examination:
             return None
 
     def ask(self, what: str, question: Callable[[], T], otherwise: T) -> T:
-        """Return the answer to a question; if there is none, note that and return `otherwise`."""
+        """Return the answer to a question; without one, note that and return `otherwise`."""
         try:
             return question()
         except ClusterError as error:

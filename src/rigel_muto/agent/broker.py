@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.report import Reporter
 from rigel_muto.agent.address import Address, Login
-from rigel_muto.agent.commands import Message
+from rigel_muto.agent.commands import Arrival, Message
 from rigel_muto.agent.deliveries import Delivery, Memory
-from rigel_muto.agent.protocols.exchange import Arrival
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage

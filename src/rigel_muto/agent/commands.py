@@ -27,8 +27,8 @@ QueryKind = Literal[
 
 
 @attrs.frozen(kw_only=True)
-class Deployment:
-    """A stack that must run, instead of what runs now.
+class Deploy:
+    """A stack that must run, instead of what runs now: what Muto calls start and apply.
 
     At least one of stack, stack_id and components is given. A stack wins over its id; components
     come alone.
@@ -41,7 +41,7 @@ class Deployment:
             agent's own files have it if `stack` is None.
         components: Symphony's components: the text of a stack by the component's name. They
             replace those of the same name, and leave the others as they are
-            (`components.join` makes one stack of all of them).
+            (`wanted.join` makes one stack of all of them).
     """
 
     identity: str = ""
@@ -51,21 +51,11 @@ class Deployment:
 
 
 @attrs.frozen(kw_only=True)
-class Start(Deployment):
-    """Deploy a stack. The same as Apply: what runs already keeps running."""
-
-
-@attrs.frozen(kw_only=True)
-class Apply(Deployment):
-    """Deploy a stack."""
-
-
-@attrs.frozen(kw_only=True)
 class Kill:
     """Remove what runs.
 
     Attributes:
-        identity: as that of a Deployment.
+        identity: as that of a Deploy.
         stack_id: the id of the stack to remove, "" for any that runs.
         components: names of Symphony's components: only these are removed. Empty: all.
     """
@@ -107,7 +97,8 @@ class Refusal:
     message: str
 
 
-Command: TypeAlias = Start | Apply | Kill
+Command: TypeAlias = Deploy | Kill
+Asks: TypeAlias = Command | Query | Inventory | Refusal
 
 
 class Stage(Enum):
@@ -148,6 +139,23 @@ class ComponentState:
     text: str = ""
 
 
+@attrs.frozen
+class Result:
+    """The answer to a query, a JSON value."""
+
+    value: Any
+
+
+@attrs.frozen
+class States:
+    """The answer to an inventory; a component that is missing does not exist."""
+
+    components: Mapping[str, ComponentState]
+
+
+Reply: TypeAlias = Outcome | Result | States
+
+
 class Unavailable(RigelK8sError):
     """A command can be neither stored nor refused now, because the cluster cannot be reached.
 
@@ -159,7 +167,7 @@ class Unavailable(RigelK8sError):
 class Executor(Protocol):
     """Carries commands out. A RigelK8sError that a method raises is reported to the sender.
 
-    All three are called from one thread, one after the other, and return within Symphony's 8 s.
+    All are called from one thread, one after the other, and return within Symphony's 8 s.
     """
 
     def submit(self, command: Command) -> Outcome:
@@ -180,6 +188,16 @@ class Executor(Protocol):
     def ask(self, query: Query) -> Any:
         """Return the answer as a JSON value, in the shapes of Muto's ROS 1 generation."""
         ...
+
+
+@attrs.frozen(kw_only=True)
+class Arrival:
+    """A message as it came, with MQTT 5's ResponseTopic and CorrelationData if it had them."""
+
+    topic: str
+    payload: bytes
+    response_topic: str | None = None
+    correlation: bytes | None = None
 
 
 @attrs.frozen

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
-from rigel_muto.agent.commands import Apply, Command, Kill, Query, QueryKind, Start
+from rigel_muto.agent.commands import Command, Deploy, Kill, Query, QueryKind
 from rigel_muto.agent.payloads import Malformed, object_at, text_at, write_json
 from rigel_muto.formats import list_stacks
 from rigel_muto.reading import decode, read
@@ -46,19 +46,18 @@ def read_command(method: str, content: Mapping[str, Any], identity: str) -> Comm
     """
     if method == "kill":
         return Kill(identity=identity, stack_id=text_at(content, "stackId"))
-    kinds: dict[str, type[Start] | type[Apply]] = {"start": Start, "apply": Apply}
-    if method not in kinds:
+    if method not in ("start", "apply"):
         message = f'unknown command "{method}" for a stack: expected start, apply or kill'
         raise Malformed(message, "unknown-command")
     stack_id = text_at(content, "stackId")
     if stack_id and _says_nothing_else(content):
-        return kinds[method](identity=identity, stack_id=stack_id)
+        return Deploy(identity=identity, stack_id=stack_id)
     if not content:
         message = "the message is empty and so not a stack: send a stack, or its `stackId`"
         raise Malformed(message, "not-a-stack")
     text = write_json(content)
     ids = (stack_id, *_list_ids(text))
-    return kinds[method](identity=identity, stack=text, stack_id=next(filter(None, ids), ""))
+    return Deploy(identity=identity, stack=text, stack_id=next(filter(None, ids), ""))
 
 
 def _says_nothing_else(content: Mapping[str, Any]) -> bool:

@@ -10,7 +10,7 @@ from collections import OrderedDict
 
 import attrs
 
-from rigel_muto.agent.protocols.exchange import Arrival
+from rigel_muto.agent.commands import Arrival
 
 #: Messages that are remembered: more than brokers may send without an acknowledgement.
 REMEMBERED = 500

@@ -5,22 +5,32 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Sequence
+from typing import TypeAlias
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.report import Reporter
 from rigel_muto.agent.broker import Broker
 from rigel_muto.agent.commands import (
+    Asks,
     Executor,
     Inventory,
     Message,
     Outcome,
     Query,
     Refusal,
+    Reply,
+    Result,
     Stage,
+    States,
     Unavailable,
 )
 from rigel_muto.agent.deliveries import Delivery
-from rigel_muto.agent.protocols.exchange import Asks, Dialect, Reply, Result, States
+from rigel_muto.agent.protocols.ditto import Ditto
+from rigel_muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.protocols.symphony import Symphony
+
+#: A protocol, for one device: it has a topic, hears others, and reads a request of a message.
+Dialect: TypeAlias = Ros1 | Ditto | Symphony
 
 #: Seconds between two checks whether the agent must end.
 POLL = 0.5

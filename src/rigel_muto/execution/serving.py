@@ -24,10 +24,9 @@ from rigel_muto.agent.current import Announcer, describe_current
 from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.options import check_thing
 from rigel_muto.agent.protocols.ditto import Ditto as DittoProtocol
-from rigel_muto.agent.protocols.exchange import Dialect
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.protocols.symphony import Symphony
-from rigel_muto.agent.serving import serve
+from rigel_muto.agent.serving import Dialect, serve
 from rigel_muto.agent.wanted import Record
 from rigel_muto.ditto import Access, Ditto
 from rigel_muto.execution.executor import Executor

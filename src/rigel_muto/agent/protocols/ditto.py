@@ -12,7 +12,18 @@ from typing import Any
 
 import attrs
 
-from rigel_muto.agent.commands import Message, Outcome, Query, Refusal, Stage
+from rigel_muto.agent.commands import (
+    Arrival,
+    Asks,
+    Message,
+    Outcome,
+    Query,
+    Refusal,
+    Reply,
+    Result,
+    Stage,
+    States,
+)
 from rigel_muto.agent.contents import identify, read_command, read_query
 from rigel_muto.agent.payloads import (
     Malformed,
@@ -24,7 +35,6 @@ from rigel_muto.agent.payloads import (
     text_at,
     write_json,
 )
-from rigel_muto.agent.protocols.exchange import Arrival, Asks, Reply, Result, States
 
 LIVE = "live/messages/"
 ERRORS = "twin/errors"

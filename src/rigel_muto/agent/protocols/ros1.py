@@ -14,7 +14,15 @@ from typing import Any
 
 import attrs
 
-from rigel_muto.agent.commands import Message, Refusal
+from rigel_muto.agent.commands import (
+    Arrival,
+    Asks,
+    Message,
+    Refusal,
+    Reply,
+    Result,
+    States,
+)
 from rigel_muto.agent.contents import identify, read_command, read_query
 from rigel_muto.agent.payloads import (
     Malformed,
@@ -23,13 +31,6 @@ from rigel_muto.agent.payloads import (
     read_object,
     text_at,
     write_json,
-)
-from rigel_muto.agent.protocols.exchange import (
-    Arrival,
-    Asks,
-    Reply,
-    Result,
-    States,
 )
 
 #: What is on the device's other topics; Muto answers it with this text.

@@ -15,13 +15,17 @@ from typing import Any
 import attrs
 
 from rigel_muto.agent.commands import (
-    Apply,
+    Arrival,
+    Asks,
     ComponentState,
+    Deploy,
     Inventory,
     Kill,
     Message,
     Outcome,
+    Reply,
     Stage,
+    States,
 )
 from rigel_muto.agent.contents import read_component
 from rigel_muto.agent.payloads import (
@@ -34,7 +38,6 @@ from rigel_muto.agent.payloads import (
     text_at,
     write_json,
 )
-from rigel_muto.agent.protocols.exchange import Arrival, Asks, Reply, States
 from rigel_muto.formats import MOST_COMPONENTS
 
 #: Symphony's codes for components.
@@ -170,7 +173,7 @@ def _read_method(
     for component in components:
         _check_action(component)
     texts = {component["name"]: read_component(component) for component in components}
-    return Apply(identity=identity, components=texts)
+    return Deploy(identity=identity, components=texts)
 
 
 def _check_action(component: Mapping[str, Any]) -> None:

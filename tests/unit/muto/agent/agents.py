@@ -10,12 +10,11 @@ import attrs
 
 from rigel_muto.agent.address import Address, Login
 from rigel_muto.agent.broker import Broker
-from rigel_muto.agent.commands import Start
+from rigel_muto.agent.commands import Deploy
 from rigel_muto.agent.protocols.ditto import Ditto
-from rigel_muto.agent.protocols.exchange import Dialect
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.protocols.symphony import Symphony
-from rigel_muto.agent.serving import serve
+from rigel_muto.agent.serving import Dialect, serve
 from tests.support.recorder import Recorder
 from tests.support.until import until
 
@@ -42,7 +41,7 @@ class Agent:
     def wait_for(self, count: int) -> list[str]:
         """Return the ids of the stacks that were started, once there are so many commands."""
         until(lambda: len(self.executor.commands) >= count, f"{count} commands", every=0.02)
-        return [c.stack_id for c in self.executor.commands if isinstance(c, Start)]
+        return [c.stack_id for c in self.executor.commands if isinstance(c, Deploy)]
 
 
 def connect(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rigel_muto.agent.commands import (
+    Arrival,
     Command,
     ComponentState,
     Message,
@@ -15,8 +16,7 @@ from rigel_muto.agent.commands import (
     Stage,
 )
 from rigel_muto.agent.deliveries import Delivery
-from rigel_muto.agent.protocols.exchange import Arrival, Dialect
-from rigel_muto.agent.serving import answer
+from rigel_muto.agent.serving import Dialect, answer
 from tests.support.recorder import Recorder
 
 NODE = {"name": "talker", "pkg": "demo", "exec": "talker"}

@@ -17,7 +17,7 @@ from paho.mqtt.client import MQTTv311
 from rigel_k8s.errors import UserError
 from rigel_muto.agent.address import Address, Login
 from rigel_muto.agent.broker import Broker
-from rigel_muto.agent.commands import Command, Outcome, Stage, Start, Unavailable
+from rigel_muto.agent.commands import Command, Deploy, Outcome, Stage, Unavailable
 from tests.support.certificates import AUTHORITY, SERVER, Authority
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running
 from tests.support.recorder import Recorder
@@ -286,7 +286,7 @@ def test_own_answers_and_retained_commands_are_not_heard(mosquitto: Mosquitto) -
             assert json.loads(message.payload) == {"asked": "ping"}
             peer.send(START, name(1))
             running_agent.wait_for(1)
-            assert running_agent.executor.commands == [Start(stack_id="stack-1")]
+            assert running_agent.executor.commands == [Deploy(stack_id="stack-1")]
 
 
 def test_an_acknowledgement_is_not_taken_for_that_of_another_message(mosquitto: Mosquitto) -> None:
@@ -294,7 +294,7 @@ def test_an_acknowledgement_is_not_taken_for_that_of_another_message(mosquitto: 
     go_on = threading.Event()
 
     def store(command: Command) -> Outcome:
-        if command == Start(stack_id="stack-0"):
+        if command == Deploy(stack_id="stack-0"):
             go_on.wait(30)
             return Outcome(Stage.ACCEPTED)
         raise Unavailable("the cluster is away")

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from rigel_muto.agent.commands import Apply, Kill, Outcome, Query, Stage, Start
+from rigel_muto.agent.commands import Arrival, Deploy, Kill, Outcome, Query, Stage
 from rigel_muto.agent.protocols.ditto import Ditto
-from rigel_muto.agent.protocols.exchange import Arrival
 
 from .recording import STACK, Remembering, give
 
@@ -49,8 +48,8 @@ def write(subject: str, value: Any = None, **changed: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("subject", "value", "command"),
     [
-        ("stack/commands/start", STACK, Start(stack=json.dumps(STACK))),
-        ("stack/commands/apply", {"stackId": "org:t"}, Apply(stack_id="org:t")),
+        ("stack/commands/start", STACK, Deploy(stack=json.dumps(STACK))),
+        ("stack/commands/apply", {"stackId": "org:t"}, Deploy(stack_id="org:t")),
         ("stack/commands/kill", {"stackId": "org:t"}, Kill(stack_id="org:t")),
         ("stack/commands/kill", None, Kill()),
     ],

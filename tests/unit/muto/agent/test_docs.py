@@ -6,7 +6,7 @@ import json
 import re
 from pathlib import Path
 
-from rigel_muto.agent.commands import Start
+from rigel_muto.agent.commands import Deploy
 from rigel_muto.agent.protocols.ditto import Ditto
 from rigel_muto.agent.protocols.ros1 import Ros1
 
@@ -14,7 +14,7 @@ from .recording import Remembering, give
 
 PAGE = Path(__file__).parents[4] / "docs/muto-agent.md"
 THING = "org.example.robots:r7"
-COMMAND = Start(stack_id="org.example.robots:talker-listener")
+COMMAND = Deploy(stack_id="org.example.robots:talker-listener")
 
 
 def test_each_example_gets_the_answer_beside_it() -> None:

@@ -14,7 +14,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.allowance import Allowance
-from rigel_muto.agent.commands import Apply, Kill, Outcome, Stage, Start, Unavailable
+from rigel_muto.agent.commands import Deploy, Kill, Outcome, Stage, Unavailable
 from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.wanted import Record, Wanted
 from rigel_muto.execution import executor as executors
@@ -34,7 +34,7 @@ def settle(executor: Executor) -> None:
 
 def test_a_stack_is_started_by_its_id(agent: Agent) -> None:
     """It is active only when it is ready."""
-    outcome = agent.run().submit(Start(stack_id="org:a"))
+    outcome = agent.run().submit(Deploy(stack_id="org:a"))
     assert outcome.succeeded
     agent.until("org:a", "active")
     assert agent.states == [("", "idle"), ("org:a", "starting"), ("org:a", "active")]
@@ -48,10 +48,10 @@ def test_another_stack_leaves_common_nodes_as_they_are(
     agent: Agent, pods: Callable[[str], str]
 ) -> None:
     executor = agent.run()
-    executor.submit(Start(stack_id="org:a"))
+    executor.submit(Deploy(stack_id="org:a"))
     agent.until("org:a", "active")
     before = pods("both")
-    executor.submit(Apply(stack_id="org:b"))
+    executor.submit(Deploy(stack_id="org:b"))
     agent.until("org:b", "active")
     assert agent.nodes == {"b", "both"}
     assert pods("both") == before
@@ -60,7 +60,7 @@ def test_another_stack_leaves_common_nodes_as_they_are(
 def test_kill_takes_the_stack_away(agent: Agent) -> None:
     """A kill of another stack, or of one more that is gone, changes nothing."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:whole", "c"), stack_id="org:whole"))
+    executor.submit(Deploy(stack=stack("org:whole", "c"), stack_id="org:whole"))
     agent.until("org:whole", "active")
     assert executor.submit(Kill(stack_id="org:other")).stage == Stage.DONE
     assert agent.nodes == {"c"}
@@ -73,11 +73,11 @@ def test_kill_takes_the_stack_away(agent: Agent) -> None:
 
 def test_after_a_kill_only_the_named_stack_runs(agent: Agent) -> None:
     executor = agent.run()
-    executor.submit(Start(stack_id="org:a"))
+    executor.submit(Deploy(stack_id="org:a"))
     agent.until("org:a", "active")
     executor.submit(Kill())
     agent.until("org:a", "killed")
-    executor.submit(Start(stack_id="org:b"))
+    executor.submit(Deploy(stack_id="org:b"))
     agent.until("org:b", "active")
     assert agent.nodes == {"b", "both"}
 
@@ -86,7 +86,7 @@ def test_a_stack_without_an_id_is_remembered(agent: Agent) -> None:
     """An agent that starts again has it, and can end it."""
     text = stack("", "c")
     executor = agent.run()
-    executor.submit(Start(stack=text))
+    executor.submit(Deploy(stack=text))
     agent.until("", "active")
     settle(executor)
     executor.close()
@@ -99,8 +99,8 @@ def test_a_stack_without_an_id_is_remembered(agent: Agent) -> None:
 
 def test_components_of_symphony_come_and_go_by_themselves(agent: Agent) -> None:
     executor = agent.run()
-    executor.submit(Apply(components={"one": stack("org:1", "a")}))
-    executor.submit(Apply(components={"two": stack("org:2", "b")}))
+    executor.submit(Deploy(components={"one": stack("org:1", "a")}))
+    executor.submit(Deploy(components={"two": stack("org:2", "b")}))
     agent.until("one, two", "active")
     assert agent.nodes == {"a", "b"}
     states = executor.look(("one", "three"))
@@ -119,19 +119,19 @@ def test_components_of_symphony_come_and_go_by_themselves(agent: Agent) -> None:
 def test_a_duplicate_has_no_effect(agent: Agent) -> None:
     """Also after a restart of the agent; the sender of an older one learns that it is over."""
     executor = agent.run()
-    executor.submit(Start(identity="1", stack_id="org:a"))
+    executor.submit(Deploy(identity="1", stack_id="org:a"))
     agent.until("org:a", "active")
-    executor.submit(Start(identity="2", stack_id="org:b"))
+    executor.submit(Deploy(identity="2", stack_id="org:b"))
     agent.until("org:b", "active")
     settle(executor)
     executor.close()
     agent.fake.calls.clear()
     again = agent.run()
-    assert again.submit(Start(identity="1", stack_id="org:a")).stage == Stage.SUPERSEDED
-    assert again.submit(Start(identity="2", stack_id="org:a")).stage == Stage.DONE
+    assert again.submit(Deploy(identity="1", stack_id="org:a")).stage == Stage.SUPERSEDED
+    assert again.submit(Deploy(identity="2", stack_id="org:a")).stage == Stage.DONE
     assert agent.fake.writes == []
     again.submit(Kill())
-    assert again.submit(Start(identity="2", stack_id="org:a")).stage == Stage.SUPERSEDED
+    assert again.submit(Deploy(identity="2", stack_id="org:a")).stage == Stage.SUPERSEDED
 
 
 def test_a_newer_command_ends_the_wait_of_the_one_before(agent: Agent) -> None:
@@ -140,10 +140,10 @@ def test_a_newer_command_ends_the_wait_of_the_one_before(agent: Agent) -> None:
     controllers.kubelet = lambda pod: running(pod) if names(pod, "b") else unready(pod)
     executor = agent.run()
     assert (
-        executor.submit(Start(stack=stack("org:never", "a"), stack_id="org:never")).stage
+        executor.submit(Deploy(stack=stack("org:never", "a"), stack_id="org:never")).stage
         == Stage.ACCEPTED
     )
-    executor.submit(Start(stack=stack("org:b", "b"), stack_id="org:b"))
+    executor.submit(Deploy(stack=stack("org:b", "b"), stack_id="org:b"))
     agent.until("org:b", "active")
     assert agent.nodes == {"b"}
     assert ("org:never", "failed") not in agent.states
@@ -154,9 +154,9 @@ def test_the_same_stack_again_does_not_begin_anew(agent: Agent) -> None:
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = unready
     executor = agent.run()
-    executor.submit(Apply(identity="1", components={"one": stack("org:a", "a")}))
+    executor.submit(Deploy(identity="1", components={"one": stack("org:a", "a")}))
     agent.fake.calls.clear()
-    again = executor.submit(Apply(identity="2", components={"one": stack("org:a", "a")}))
+    again = executor.submit(Deploy(identity="2", components={"one": stack("org:a", "a")}))
     assert again.stage == Stage.ACCEPTED
     assert agent.fake.writes == []
     controllers.kubelet = running
@@ -182,7 +182,7 @@ def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = unready
     first = agent.run()
-    first.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
+    first.submit(Deploy(stack=stack("org:a", "a"), stack_id="org:a"))
     first.close()
     assert agent.states[-1] == ("org:a", "starting")
     controllers.kubelet = running
@@ -193,7 +193,7 @@ def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
 
 def test_what_is_no_longer_ready_is_no_longer_active(agent: Agent) -> None:
     """Until it is ready again."""
-    agent.run().submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
+    agent.run().submit(Deploy(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     controllers: Any = agent.fake.store.controllers
     (pod,) = agent.fake.list("v1", "Pod", "n")
@@ -211,7 +211,7 @@ def test_what_does_not_become_ready_has_failed_until_it_does(agent: Agent) -> No
     controllers: Any = agent.fake.store.controllers
     controllers.kubelet = unready
     executor = agent.run(timeout=0.5)
-    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
+    executor.submit(Deploy(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "failed")
     assert "1 of 1 not ready within" in executor.record.cause
     controllers.kubelet = running
@@ -223,7 +223,7 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
     """`rigel rollback`, say; all is ready then, and it is another stack."""
     executor = agent.run()
     for name in ("a", "b"):
-        executor.submit(Start(stack=stack(f"org:{name}", name), stack_id=f"org:{name}"))
+        executor.submit(Deploy(stack=stack(f"org:{name}", name), stack_id=f"org:{name}"))
         agent.until(f"org:{name}", "active")
     settle(executor)
     rollback(agent.fake, RELEASE, 1, report=agent.report)  # type: ignore[arg-type]
@@ -231,7 +231,7 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
     until(lambda: agent.causes[-1] == foreign, foreign)  # earlier: its pods are not ready yet
     assert agent.states[-1] == ("org:b", "failed")
     down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
-    executor.submit(Start(stack_id="org:a"))
+    executor.submit(Deploy(stack_id="org:a"))
     agent.until("org:a", "active")
     with agent.looking:  # in the middle of it there would be another cause
         down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
@@ -242,10 +242,10 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
 def test_what_kubernetes_refuses_has_failed_with_the_cause(agent: Agent) -> None:
     """The stack before runs on, and is not taken for the new one."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
+    executor.submit(Deploy(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     agent.fake.store.rules = [{"apiGroups": ["*"], "resources": ["*"], "verbs": ["get", "list"]}]
-    outcome = executor.submit(Start(stack=stack("org:b", "b"), stack_id="org:b"))
+    outcome = executor.submit(Deploy(stack=stack("org:b", "b"), stack_id="org:b"))
     assert outcome.stage == Stage.FAILED
     assert "right(s) are missing" in outcome.text
     agent.until("org:b", "failed")
@@ -258,22 +258,22 @@ def test_what_kubernetes_refuses_has_failed_with_the_cause(agent: Agent) -> None
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (Start(stack_id="org:nowhere"), 'no stack "org:nowhere"'),
-        (Start(stack_id="../b.json"), "is not the id of a stack"),
-        (Start(stack_id="https://evil/api/2/things/a"), "is not the id of a stack"),
-        (Start(stack="{"), "stack:2:1: this is not YAML"),
-        (Start(stack='{"node": []}'), "no node"),
-        (Apply(components={"one": "no stack"}), "must be a mapping"),
+        (Deploy(stack_id="org:nowhere"), 'no stack "org:nowhere"'),
+        (Deploy(stack_id="../b.json"), "is not the id of a stack"),
+        (Deploy(stack_id="https://evil/api/2/things/a"), "is not the id of a stack"),
+        (Deploy(stack="{"), "stack:2:1: this is not YAML"),
+        (Deploy(stack='{"node": []}'), "no node"),
+        (Deploy(components={"one": "no stack"}), "must be a mapping"),
         (
-            Start(stack=stack("org:a", "a", stack=[{"thingId": "org:gone"}]), stack_id="org:a"),
+            Deploy(stack=stack("org:a", "a", stack=[{"thingId": "org:gone"}]), stack_id="org:a"),
             "org:gone",
         ),
     ],
 )
-def test_what_is_no_stack_is_refused(agent: Agent, command: Start | Apply, words: str) -> None:
+def test_what_is_no_stack_is_refused(agent: Agent, command: Deploy, words: str) -> None:
     """With the cause, and nothing has changed: neither the cluster nor the last command."""
     executor = agent.run()
-    executor.submit(Start(stack=stack("org:a", "a"), stack_id="org:a"))
+    executor.submit(Deploy(stack=stack("org:a", "a"), stack_id="org:a"))
     agent.until("org:a", "active")
     settle(executor)
     agent.fake.calls.clear()
@@ -288,18 +288,22 @@ def test_what_is_no_stack_is_refused(agent: Agent, command: Start | Apply, words
 @pytest.mark.parametrize(
     ("allowance", "command", "words"),
     [
-        (Allowance(), Start(stack=stack("org:a", "a"), stack_id="org:a"), "whole stack"),
-        (Allowance(), Apply(components={"one": stack("org:a", "a")}), "whole stack"),
-        (Allowance(stacks=("org:b",)), Start(stack_id="org:a"), 'the stack "org:a" is not allowed'),
+        (Allowance(), Deploy(stack=stack("org:a", "a"), stack_id="org:a"), "whole stack"),
+        (Allowance(), Deploy(components={"one": stack("org:a", "a")}), "whole stack"),
+        (
+            Allowance(stacks=("org:b",)),
+            Deploy(stack_id="org:a"),
+            'stack "org:a" is not allowed',
+        ),
         (
             Allowance(images=("other/*",)),
-            Start(stack_id="org:a"),
+            Deploy(stack_id="org:a"),
             "is not allowed: images: other/*",
         ),
     ],
 )
 def test_what_is_not_allowed_is_refused(
-    agent: Agent, allowance: Allowance, command: Start | Apply, words: str
+    agent: Agent, allowance: Allowance, command: Deploy, words: str
 ) -> None:
     outcome = agent.run(allowance).submit(command)
     assert outcome.stage == Stage.REFUSED
@@ -309,7 +313,7 @@ def test_what_is_not_allowed_is_refused(
 
 def test_what_is_allowed_is_deployed(agent: Agent) -> None:
     allowance = Allowance(stacks=("org:*",), images=("lab/*",))
-    assert agent.run(allowance).submit(Start(stack_id="org:a")).succeeded
+    assert agent.run(allowance).submit(Deploy(stack_id="org:a")).succeeded
     agent.until("org:a", "active")
 
 
@@ -320,7 +324,7 @@ def test_a_namespace_is_created_where_the_job_names_it(agent: Agent) -> None:
     assert not DeployedJob(elsewhere, agent.report).creates_namespace()
     with pytest.raises(NotFoundError):
         Memory(agent.fake, RELEASE).store(Record())  # type: ignore[arg-type]
-    assert agent.run().submit(Start(stack_id="org:a")).succeeded
+    assert agent.run().submit(Deploy(stack_id="org:a")).succeeded
     agent.until("org:a", "active")
 
 
@@ -334,7 +338,7 @@ def test_an_agent_without_the_right_to_store_refuses(
         raise Forbidden("you may not write Secrets")
 
     monkeypatch.setattr(type(agent.fake), "apply", fail)
-    outcome = executor.submit(Start(stack_id="org:a"))
+    outcome = executor.submit(Deploy(stack_id="org:a"))
     assert (outcome.stage, outcome.text) == (Stage.REFUSED, "you may not write Secrets")
 
 
@@ -350,9 +354,9 @@ def test_a_command_that_cannot_be_stored_is_not_begun(
     with monkeypatch.context() as away:
         away.setattr(type(agent.fake), "apply", fail)
         with pytest.raises(Unavailable, match="the API server is away"):
-            executor.submit(Start(identity="1", stack_id="org:a"))
+            executor.submit(Deploy(identity="1", stack_id="org:a"))
     assert agent.states == [("", "idle")]
-    assert executor.submit(Start(identity="1", stack_id="org:a")).succeeded
+    assert executor.submit(Deploy(identity="1", stack_id="org:a")).succeeded
     agent.until("org:a", "active")
 
 
@@ -368,7 +372,7 @@ def test_a_command_that_never_began_is_answered_when_a_newer_one_comes(
     kill = threading.Thread(target=lambda: answers.append(executor.submit(Kill())), daemon=True)
     kill.start()
     until(lambda: executor._turns._next is not None, "the kill waits for its turn")
-    newer = Start(stack_id="org:a")
+    newer = Deploy(stack_id="org:a")
     threading.Thread(target=lambda: executor.submit(newer), daemon=True).start()
     kill.join(30)
     assert [one.stage for one in answers] == [Stage.ACCEPTED]

@@ -15,9 +15,10 @@ import pytest
 
 from rigel_k8s.settings import Settings
 from rigel_muto.agent import serving
+from rigel_muto.agent.commands import Arrival
 from rigel_muto.agent.deliveries import Delivery
-from rigel_muto.agent.protocols.exchange import Arrival, Dialect
 from rigel_muto.agent.protocols.ros1 import Ros1
+from rigel_muto.agent.serving import Dialect
 from rigel_muto.agent.wanted import Wanted
 from rigel_muto.execution.executor import Executor
 from rigel_muto.execution.target import DeployedJob

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from rigel_muto.agent.commands import Apply, Kill, Message, Outcome, Query, Stage, Start
+from rigel_muto.agent.commands import Arrival, Deploy, Kill, Message, Outcome, Query, Stage
 from rigel_muto.agent.payloads import MOST_BYTES
-from rigel_muto.agent.protocols.exchange import Arrival
 from rigel_muto.agent.protocols.ros1 import Ros1
 
 from .recording import NODE, STACK, Remembering, give
@@ -22,15 +21,15 @@ STACKS, AGENT = f"{THING}/stack/commands", f"{THING}/agent/commands"
 @pytest.mark.parametrize(
     ("method", "payload", "command"),
     [
-        ("start", {"name": "t", "stackId": "org:t"}, Start(stack_id="org:t")),
-        ("apply", {"stackId": "org:t"}, Apply(stack_id="org:t")),
-        ("start", STACK, Start(stack=json.dumps(STACK))),
+        ("start", {"name": "t", "stackId": "org:t"}, Deploy(stack_id="org:t")),
+        ("apply", {"stackId": "org:t"}, Deploy(stack_id="org:t")),
+        ("start", STACK, Deploy(stack=json.dumps(STACK))),
         (
             "start",
             {**STACK, "stackId": "a:b"},
-            Start(stack=json.dumps({**STACK, "stackId": "a:b"}), stack_id="a:b"),
+            Deploy(stack=json.dumps({**STACK, "stackId": "a:b"}), stack_id="a:b"),
         ),
-        ("apply", {"stackId": "a:b", "node": [], "param": []}, Apply(stack_id="a:b")),
+        ("apply", {"stackId": "a:b", "node": [], "param": []}, Deploy(stack_id="a:b")),
         ("kill", {"stackId": "org:t"}, Kill(stack_id="org:t")),
         ("kill", {}, Kill()),
         ("kill", b"", Kill()),
@@ -73,7 +72,7 @@ def test_the_correlation_comes_back_and_tells_duplicates() -> None:
             correlation=b"\xff1",
         )
         request = ROS1.read(arrival)
-        assert isinstance(request.asks, Start)
+        assert isinstance(request.asks, Deploy)
         seen.append(request.asks.identity)
         [message] = request.answer(Outcome(Stage.ACCEPTED))
         assert isinstance(message, Message)
@@ -83,7 +82,7 @@ def test_the_correlation_comes_back_and_tells_duplicates() -> None:
 
 def test_without_a_correlation_nothing_is_a_duplicate() -> None:
     request = ROS1.read(Arrival(topic=f"{STACKS}/start", payload=b'{"stackId": "org:t"}'))
-    assert request.asks == Start(stack_id="org:t", identity="")
+    assert request.asks == Deploy(stack_id="org:t", identity="")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.rigelfile.source import Source
-from rigel_muto.agent.commands import Apply, ComponentState, Kill, Outcome, Stage
+from rigel_muto.agent.commands import ComponentState, Deploy, Kill, Outcome, Stage
 from rigel_muto.agent.protocols.symphony import Symphony
 from rigel_muto.agent.wanted import join
 from rigel_muto.formats import list_stacks
@@ -91,7 +91,7 @@ def test_an_apply_deploys_its_components(data: Any) -> None:
     """It is answered as soon as they are stored."""
     executor = Remembering()
     state, summary = ask(executor, write("POST", deploy(component(data=data))))
-    assert executor.commands == [Apply(identity="r-1", components={"talking": TEXT})]
+    assert executor.commands == [Deploy(identity="r-1", components={"talking": TEXT})]
     assert (state, summary["successCount"], summary["isRemoval"]) == (200, 1, False)
     assert summary["targets"]["robot-7"]["components"]["talking"]["status"] == 8004
     assert summary["allAssignedDeployed"] is False
@@ -102,7 +102,7 @@ def test_symphonys_head_calls_a_solution_a_version() -> None:
     deployment = deploy(component())
     deployment["solutionversion"] = deployment.pop("solution")
     ask(executor, write("POST", deployment))
-    assert executor.commands == [Apply(identity="r-1", components={"talking": TEXT})]
+    assert executor.commands == [Deploy(identity="r-1", components={"talking": TEXT})]
 
 
 @pytest.mark.parametrize("carried", ["metadata", "body"])

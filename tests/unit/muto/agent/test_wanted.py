@@ -10,7 +10,7 @@ import random
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_muto.agent.commands import Apply, Command, Kill, Start
+from rigel_muto.agent.commands import Command, Deploy, Kill
 from rigel_muto.agent.wanted import (
     MOST_IDENTITIES,
     NOTHING,
@@ -28,10 +28,10 @@ STACK = Wanted(stack_id="org:a")
 @pytest.mark.parametrize(
     ("now", "command", "then"),
     [
-        (NOTHING, Start(stack_id="org:a"), STACK),
-        (BOTH, Start(stack="{}", stack_id="org:b"), Wanted(stack="{}", stack_id="org:b")),
-        (STACK, Apply(components={"one": "1"}), Wanted(components={"one": "1"})),
-        (BOTH, Apply(components={"one": "3"}), Wanted(components={"one": "3", "two": "2"})),
+        (NOTHING, Deploy(stack_id="org:a"), STACK),
+        (BOTH, Deploy(stack="{}", stack_id="org:b"), Wanted(stack="{}", stack_id="org:b")),
+        (STACK, Deploy(components={"one": "1"}), Wanted(components={"one": "1"})),
+        (BOTH, Deploy(components={"one": "3"}), Wanted(components={"one": "3", "two": "2"})),
         (BOTH, Kill(components=("one", "other")), Wanted(components={"two": "2"})),
         (BOTH, Kill(components=("one", "two")), NOTHING),
         (BOTH, Kill(components=("other",)), BOTH),

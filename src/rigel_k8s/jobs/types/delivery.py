@@ -1,12 +1,13 @@
 """The job that checks that messages are delivered, now, from one pod to another.
 
 Two ready pods do not prove it: a subscriber may be deaf, or hear an older publisher. So a
-nonce is passed to the publisher as a ROS parameter (ROS 2: of its own node), and searched for
-in the subscriber's log.
+nonce is set as a ROS parameter from inside the publisher's pod (ROS 2: of its own node), and
+searched for in the subscriber's log. The publisher's image only needs Python, and rclpy for ROS 2.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import secrets
 import threading
@@ -15,11 +16,13 @@ from typing import Any, ClassVar
 
 import attrs
 
+from rigel_inpod import MOUNT_PATH
 from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types import nonce as nonces
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
@@ -29,52 +32,83 @@ from rigel_k8s.settings import Application
 
 #: Seconds between two looks for a ready pod.
 LOOK = 1.0
+#: A shell's exit code for a program that is not installed.
+NO_PYTHON = 127
+
+_ROS1 = """
+import os, sys
+try:
+    from xmlrpc.client import ServerProxy
+except ImportError:
+    from xmlrpclib import ServerProxy
+master = ServerProxy(os.environ["ROS_MASTER_URI"])
+code, text, _ = master.setParam("/rigel_delivery", sys.argv[1], sys.argv[2])
+sys.exit(0 if code == 1 else text)
+"""
+
+#: A parameter of ROS 2 is a node's own.
+_ROS2 = """
+import os, sys
+import rclpy
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+owner, parameter, nonce = sys.argv[1:4]
+rclpy.init(args=[])
+node = rclpy.create_node("_rigel_delivery_%d" % os.getpid(), start_parameter_services=False,
+                         enable_rosout=False)
+client = node.create_client(SetParameters, owner + "/set_parameters")
+if not client.wait_for_service(20):
+    sys.exit("the node %s was not discovered within 20 s from inside its own pod" % owner)
+wanted = Parameter(parameter, value=nonce).to_parameter_msg()
+future = client.call_async(SetParameters.Request(parameters=[wanted]))
+rclpy.spin_until_future_complete(node, future, timeout_sec=10)
+if not future.done():
+    sys.exit("the node %s did not answer within 10 s" % owner)
+result = future.result().results[0]
+sys.exit(0 if result.successful else "%s refused it: %s" % (owner, result.reason))
+"""
 
 
 @attrs.frozen(kw_only=True)
 class DeliveryOptions:
-    """Which messages must arrive where."""
+    """Which messages must arrive where.
 
-    publisher: str = attrs.field(
-        metadata={"doc": "the node that publishes: its key in `nodes`, or its ROS name"}
-    )
-    subscriber: str = attrs.field(
-        metadata={"doc": "the node that logs each message that it receives"},
-    )
-    parameter: RosName = attrs.field(
-        default=RosName("/nonce"),
-        metadata={
-            "doc": "the ROS parameter whose value the publisher puts into its messages"
-            " (ROS 2: of the publisher's own node)"
-        },
-    )
-    messages: Count = attrs.field(
-        default=Count(10),
-        metadata={"doc": "how many messages with consecutive numbers must arrive"},
-    )
-    timeout: Duration = attrs.field(
-        default=Duration("60s"), metadata={"doc": "how long they may take"}
-    )
-    across_machines: bool = attrs.field(
-        default=True, metadata={"doc": "both pods must run on different Kubernetes nodes"}
-    )
-    namespace: ObjectName | None = attrs.field(
-        default=None, metadata={"doc": "the application's namespace; unset: the context's"}
-    )
-    deployment_name: ObjectName = attrs.field(
-        default=ObjectName("rigel-k8s-application"),
-        metadata={"doc": "the release, as the job that deploys it names it"},
-    )
+    Attributes:
+        publisher: the node that publishes: its key in `nodes`, or its ROS name.
+        subscriber: the node that logs each message that it receives.
+        parameter: the ROS parameter whose value the publisher puts into its messages (ROS 2: of
+            the publisher's own node).
+        messages: how many messages with consecutive numbers must arrive.
+        timeout: how long they may take.
+        across_machines: both pods must run on different Kubernetes nodes.
+        namespace: the application's namespace; unset: the context's.
+        deployment_name: the release, as the job that deploys it names it.
+    """
+
+    publisher: str
+    subscriber: str
+    parameter: RosName = attrs.field(default=RosName("/nonce"))
+    messages: Count = attrs.field(default=Count(10))
+    timeout: Duration = attrs.field(default=Duration("60s"))
+    across_machines: bool = True
+    namespace: ObjectName | None = None
+    deployment_name: ObjectName = attrs.field(default=ObjectName("rigel-k8s-application"))
 
 
 @attrs.frozen
 class RunningPod:
-    """What the check needs to know about a pod."""
+    """A pod as the check needs it, and the object that it was made of."""
 
     name: str
     machine: str
     ready: bool
     object: Mapping[str, Any] = attrs.field(repr=False)
+
+    @classmethod
+    def of(cls, pod: Mapping[str, Any]) -> RunningPod:
+        """Return a pod object as the check needs it."""
+        name, machine = pod["metadata"]["name"], pod["spec"].get("nodeName", "")
+        return cls(name, machine, stays_ready(pod), pod)
 
     def __str__(self) -> str:
         state = "" if self.ready else ", not ready"
@@ -136,7 +170,7 @@ class _Check:
     def _pod(self, key: str) -> RunningPod:
         """Return the newest ready pod of a node; wait while a pod is not ready yet."""
         while True:
-            found = [_pod_of(pod) for pod in self._pods() if _is_of(pod, key)]
+            found = [RunningPod.of(pod) for pod in self._pods() if _is_of(pod, key)]
             ready = [pod for pod in found if pod.ready]
             if ready:
                 return ready[-1]
@@ -168,10 +202,10 @@ class _Check:
     def _set(self, publisher: RunningPod, nonce: str) -> None:
         """Set the parameter from inside the publisher's pod, as its own node would."""
         parameter = str(self.options.parameter)
-        ros = nonces.ros_of(publisher.object, self.job.application.distro)
-        for command in nonces.commands(publisher.object, ros, parameter, nonce):
+        ros = ros_of(publisher.object, self.job.application.distro)
+        for command in list_commands(publisher.object, ros, parameter, nonce):
             done = self.cluster.run(self.namespace, publisher.name, command)
-            if done.code != nonces.NO_PYTHON:
+            if done.code != NO_PYTHON:
                 break
         if done.code:
             output = (done.stderr + done.stdout).decode("utf-8", "replace").splitlines()
@@ -277,12 +311,6 @@ def _limit_time(cancel: threading.Event, seconds: float) -> threading.Event:
     return over
 
 
-def _pod_of(pod: Mapping[str, Any]) -> RunningPod:
-    return RunningPod(
-        pod["metadata"]["name"], pod["spec"].get("nodeName", ""), stays_ready(pod), pod
-    )
-
-
 def _name_of(pod: Mapping[str, Any]) -> str:
     return str(pod["metadata"].get("labels", {}).get(NAME_LABEL, pod["metadata"]["name"]))
 
@@ -291,3 +319,21 @@ def _is_of(pod: Mapping[str, Any], key: str) -> bool:
     """Return whether a pod is that of a node's key, its ROS name, or its Deployment's name."""
     ros_name = pod["metadata"].get("annotations", {}).get(ROS_NAME_ANNOTATION, "")
     return _name_of(pod) in (key, object_name(key)) or ros_name.lstrip("/") == key.lstrip("/")
+
+
+def ros_of(pod: Mapping[str, Any], distro: str) -> str:
+    """Return the ROS of a pod, "1" or "2": from its annotation, else that of `distro`."""
+    note = pod["metadata"].get("annotations", {}).get(NETWORK_ANNOTATION)
+    noted = json.loads(note).get("ros") if note else None
+    return generation_of(distro, noted).name
+
+
+def list_commands(
+    pod: Mapping[str, Any], ros: str, parameter: str, nonce: str
+) -> Sequence[Sequence[str]]:
+    """Return the commands that set the parameter, to be tried while one ends with NO_PYTHON."""
+    start = ["/bin/sh", f"{MOUNT_PATH}/exec.sh"]
+    if ros == "1":
+        return [[*start, p, "-c", _ROS1, parameter, nonce] for p in ("python3", "python")]
+    owner = str(pod["metadata"].get("annotations", {}).get(ROS_NAME_ANNOTATION, ""))
+    return [[*start, "python3", "-c", _ROS2, owner, parameter.lstrip("/"), nonce]]

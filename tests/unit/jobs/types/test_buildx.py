@@ -15,7 +15,7 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.engine import Build, Engine, Session
 from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types import buildx, clusterload
+from rigel_k8s.jobs.types import buildx
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions, image_names
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system.oci import host_platform
@@ -171,7 +171,7 @@ def test_cluster_load_hands_the_archive_to_the_cluster(
     def load(archive: Path, context: str, *_: object) -> None:
         loaded.append((archive.read_text(), context))
 
-    monkeypatch.setattr(clusterload, "load_archive", load)
+    monkeypatch.setattr(buildx, "load_archive", load)
     job = attrs.evolve(job, settings=Settings(context="kind-x"))
     BuildXJob().run(BuildXOptions("app:1", cluster_load=True), job)
     assert engine.asked["load"]
@@ -206,7 +206,7 @@ def test_what_only_a_run_can_tell_is_let_through() -> None:
     assert BuildXJob().check(options, Application("noetic")) == []
 
 
-# clusterload
+# Loading into a local cluster
 
 
 @pytest.mark.programs
@@ -227,7 +227,7 @@ def test_other_local_clusters_are_loaded_by_their_own_program(
     (tmp_path / program).write_text(f'#!/bin/sh\necho "$@" > {record}\n')
     (tmp_path / program).chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    clusterload.load_archive(Path("/x.tar"), context, lambda _: None, threading.Event())
+    buildx.load_archive(Path("/x.tar"), context, lambda _: None, threading.Event())
     assert record.read_text().split() == words.format("/x.tar").split()[1:]
 
 
@@ -235,14 +235,14 @@ def test_a_program_that_is_missing_is_told(monkeypatch: pytest.MonkeyPatch, tmp_
     """The error names the program that the context needs."""
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RigelK8sError, match="kind is not installed, which loads images"):
-        clusterload.load_archive(Path("/x.tar"), "kind-x", lambda _: None, threading.Event())
+        buildx.load_archive(Path("/x.tar"), "kind-x", lambda _: None, threading.Event())
 
 
 @pytest.mark.parametrize("context", ["prod", "rigel-there-is-none", "kind", "gke_a_b_kind"])
 def test_a_cluster_elsewhere_is_refused(context: str) -> None:
     """Nothing can be loaded into a cluster that is not on this machine; a push is the way."""
     with pytest.raises(UserError, match=f"context {context} is not a cluster of") as caught:
-        clusterload.load_archive(Path("/x.tar"), context, lambda _: None, threading.Event())
+        buildx.load_archive(Path("/x.tar"), context, lambda _: None, threading.Event())
     assert "push: true" in str(caught.value.hint)
 
 
@@ -252,11 +252,11 @@ def test_the_context_is_kubectls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "b").write_text("current-context: kind-b\n")
     (tmp_path / "c").write_text("current-context: kind-c\n")
     monkeypatch.setenv("KUBECONFIG", f"{tmp_path}/none:{tmp_path}/a:{tmp_path}/b:{tmp_path}/c")
-    assert clusterload.current_context(Settings()) == "kind-b"
-    assert clusterload.current_context(Settings(kubeconfig=tmp_path / "c")) == "kind-c"
-    assert clusterload.current_context(Settings(context="x")) == "x"
+    assert buildx.current_context(Settings()) == "kind-b"
+    assert buildx.current_context(Settings(kubeconfig=tmp_path / "c")) == "kind-c"
+    assert buildx.current_context(Settings(context="x")) == "x"
     with pytest.raises(UserError, match="no current Kubernetes context"):
-        clusterload.current_context(Settings(kubeconfig=tmp_path / "a"))
+        buildx.current_context(Settings(kubeconfig=tmp_path / "a"))
     (tmp_path / "d").write_text("current-context: {")
     with pytest.raises(UserError, match="is not YAML"):
-        clusterload.current_context(Settings(kubeconfig=tmp_path / "d"))
+        buildx.current_context(Settings(kubeconfig=tmp_path / "d"))

@@ -12,8 +12,7 @@ import pytest
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import delivery
-from rigel_k8s.jobs.types.delivery import Arrivals, DeliveryJob, DeliveryOptions
-from rigel_k8s.jobs.types.nonce import ros_of
+from rigel_k8s.jobs.types.delivery import Arrivals, DeliveryJob, DeliveryOptions, ros_of
 from rigel_k8s.objects.scalars import Duration, ObjectName
 from rigel_k8s.rigelfile import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings

@@ -125,7 +125,7 @@ def node(
     workload = name.strip("/").replace("/", "-").replace("_", "-")
     pod = {
         "name": f"{workload}-5d4f",
-        "machine": machine,
+        "node": machine,
         "phase": "Running",
         "ready": state == "ready",
         "restarts": 0,

@@ -47,10 +47,16 @@ def ui(
     The page shows the ROS graph, each node's state and cause, logs, the roll-out and the
     revisions. It is served on this machine only; its address contains a secret token.
     """
-    from rigel_k8s.ui.serving import UiOptions, serve
+    from rigel_k8s.ui.serving import serve
 
-    options = UiOptions(port, not no_browser, allow_changes)
-    serve(settings(ctx, timeout=timeout), job, options, make_printer())
+    serve(
+        settings(ctx, timeout=timeout),
+        job,
+        make_printer(),
+        port=port,
+        browser=not no_browser,
+        allow_changes=allow_changes,
+    )
 
 
 def make_printer() -> Callable[[str], None]:

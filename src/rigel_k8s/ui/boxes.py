@@ -11,10 +11,9 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from rigel_k8s.rosgraph.drawing.dot import write_dot
-from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Box, Picture, make_picture
+from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Picture, make_picture
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-
-Entries = dict[str, Any]
+from rigel_k8s.ui.feed import Entries
 
 #: What has room in each box and topic: the words of a state, and any rate.
 WORDS, RATE = "machine unreachable", 9999.0
@@ -39,7 +38,14 @@ def make_boxes(
         if workload and node is None:
             continue  # of a workload that was removed after the graph was read
         drawn.add(workload)
-        made[f"box/{box.name}"] = box_entry(box, workload, node)
+        made[f"box/{box.name}"] = {
+            "name": box.name,
+            "workload": workload,
+            # That of its present pod.
+            "machine": (node["machine"] if node else "") or box.group,
+            "note": "" if node else box.where,
+            "wrong": box.wrong,
+        }
     for workload, node in nodes.items():
         if workload not in drawn and not node["helper"]:
             made[f"box/{node['name']}"] = {
@@ -50,17 +56,6 @@ def make_boxes(
                 "wrong": "",
             }
     return made
-
-
-def box_entry(box: Box, workload: str, node: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the entry of a node of the graph; its machine is that of its present pod."""
-    return {
-        "name": box.name,
-        "workload": workload,
-        "machine": (node["machine"] if node else "") or box.group,
-        "note": "" if node else box.where,
-        "wrong": box.wrong,
-    }
 
 
 def make_topics(graph: RosGraph, picture: Picture) -> Entries:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime, timezone
 from typing import Any
 
 from rigel_k8s.commands.rosgraph import LiveGraph, picture_of
@@ -14,7 +15,6 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.nodes import READY, STOPPED
-from rigel_k8s.ui.times import write_now
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
 AGE = 30.0  # seconds after which it is read again while a page is open
@@ -99,3 +99,8 @@ class GraphReader:
         self._feed.publish("box", boxes)
         self._feed.publish("topic", topics)
         self._feed.publish("dot", {"dot": {"text": describe(boxes, topics)}})
+
+
+def write_now() -> str:
+    """Return the present time as Kubernetes writes it."""
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
+import attrs
+
 from rigel_k8s.objects.facts import find_condition, is_ending, is_ready
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
@@ -16,7 +18,7 @@ from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.rollout.causes import containers, explain_exit
-from rigel_k8s.release.status import AWAY, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import AWAY, ReleaseStatus, WorkloadStatus
 
 #: The states, the worst first.
 CRASHED, BLOCKED, UNREACHABLE = "crashed", "blocked", "unreachable"
@@ -65,22 +67,7 @@ def node_entry(
         "machine": next((pod.node for pod in (*living, *workload.pods) if pod.node), machine),
         "image": next((pod.image for pod in (*living, *workload.pods) if pod.image), ""),
         "restarts": sum(pod.restarts for pod in living),
-        "pods": [pod_entry(pod) for pod in workload.pods],
-    }
-
-
-def pod_entry(pod: PodStatus) -> dict[str, Any]:
-    """Return what a page shows of a pod."""
-    return {
-        "name": pod.name,
-        "machine": pod.node,
-        "phase": pod.phase,
-        "ready": pod.ready,
-        "restarts": pod.restarts,
-        "created": pod.created,
-        "ip": pod.ip,
-        "image": pod.image,
-        "message": pod.message,
+        "pods": [attrs.asdict(pod) for pod in workload.pods],
     }
 
 

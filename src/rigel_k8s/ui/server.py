@@ -134,7 +134,12 @@ class PageServer(ThreadingTCPServer):
         super().__init__((ADDRESS, port), Handler)
         self.feed, self.logs, self.token, self.changes = feed, logs, token, changes
         self.tickets = Tickets()
-        self.texts = read_files()
+        #: The page's files by name; the server has no others.
+        self.texts = {
+            path.relative_to(FILES).as_posix(): path.read_bytes()
+            for path in FILES.rglob("*")
+            if path.is_file()
+        }
         self.over = threading.Event()
 
     @property
@@ -295,12 +300,3 @@ def find_name(host: str) -> str:
         return ""
     name = parts.hostname or ""
     return f"[{name}]" if ":" in name else name
-
-
-def read_files() -> Mapping[str, bytes]:
-    """Return the page's files by name; the server has no others."""
-    return {
-        path.relative_to(FILES).as_posix(): path.read_bytes()
-        for path in FILES.rglob("*")
-        if path.is_file()
-    }

@@ -26,28 +26,22 @@ from rigel_k8s.ui.logs import LogHub, read_log
 from rigel_k8s.ui.server import ADDRESS, PageServer
 
 
-@attrs.frozen
-class UiOptions:
-    """How a page is served.
-
-    Attributes:
-        port: of the loopback; 0 is any that is free.
-        browser: open it.
-        allow_changes: a page may roll back.
-    """
-
-    port: int = 0
-    browser: bool = True
-    allow_changes: bool = False
-
-
 def serve(
-    settings: Settings, job: str | None, options: UiOptions, report: Callable[[str], None]
+    settings: Settings,
+    job: str | None,
+    report: Callable[[str], None],
+    *,
+    port: int,
+    browser: bool,
+    allow_changes: bool,
 ) -> None:
     """Serve the page of a release until Ctrl-C or SIGTERM.
 
     Args:
         report: takes lines for the terminal; the first one has the address.
+        port: of the loopback; 0 is any that is free.
+        browser: open it.
+        allow_changes: a page may roll back.
 
     Raises:
         UserError: the port is taken.
@@ -55,17 +49,21 @@ def serve(
     found = release(settings, job)
     feed = Feed()
     logs = LogHub(read_log(found))
-    changes = None
-    if options.allow_changes:
-        changes = Changes(feed, make_rollback(found, settings))
-    feed.publish("server", {"server": {"changes": options.allow_changes}})
+    changes = Changes(feed, make_rollback(found, settings)) if allow_changes else None
+    feed.publish("server", {"server": {"changes": allow_changes}})
     live = Live(found, feed, report)
-    server = listen(options.port, feed, logs, changes)
+    try:
+        server = PageServer(port, feed, logs, secrets.token_urlsafe(24), changes)
+    except OSError as error:
+        raise UserError(
+            f"cannot listen on {ADDRESS}:{port}: {error.strerror}", hint="choose another --port"
+        ) from error
     with found.cluster, interruptible() as cancel:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         report(f"http://{ADDRESS}:{server.port}/{server.token}/")
         live.start()
-        if options.browser and has_display():
+        has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if browser and has_display:
             open_browser(f"http://{ADDRESS}:{server.port}/open/{server.tickets.issue()}", report)
         try:
             while not cancel.wait(1.0):
@@ -87,25 +85,6 @@ def make_rollback(found: Release, settings: Settings) -> Rollback:
         return releases.roll_back(own, settings, number, report, cancel)
 
     return call
-
-
-def listen(port: int, feed: Feed, logs: LogHub, changes: Changes | None) -> PageServer:
-    """Return a server with a new token.
-
-    Raises:
-        UserError: the port is taken.
-    """
-    try:
-        return PageServer(port, feed, logs, secrets.token_urlsafe(24), changes)
-    except OSError as error:
-        raise UserError(
-            f"cannot listen on {ADDRESS}:{port}: {error.strerror}", hint="choose another --port"
-        ) from error
-
-
-def has_display() -> bool:
-    """Whether a browser could show a page to the user."""
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def open_browser(address: str, report: Callable[[str], None]) -> None:

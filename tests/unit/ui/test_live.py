@@ -74,7 +74,7 @@ class Scene:
 @pytest.fixture
 def scene(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     monkeypatch.setattr("rigel_k8s.ui.graphs.CALM", 0.05)
-    monkeypatch.setattr("rigel_k8s.ui.contact.HEARTBEAT", 0.05)
+    monkeypatch.setattr("rigel_k8s.ui.live.HEARTBEAT", 0.05)
     made = Scene(fake)
     yield made
     if made.live:
@@ -99,7 +99,7 @@ def test_a_crash_is_shown_with_its_cause_and_that_it_is_over(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays for some seconds although the node is ready again at once."""
-    monkeypatch.setattr(module, "STEADY", 1.0)
+    monkeypatch.setattr("rigel_k8s.ui.overview.STEADY", 1.0)
     monkeypatch.setattr("rigel_k8s.release.rollout.crashes.STEADY", 1.0)
     scene.deploy(workload())
     scene.start()
@@ -306,7 +306,7 @@ def test_a_holder_that_does_not_renew_its_lease_is_gone(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A deploy whose process was killed on another machine does not go on for ever."""
-    monkeypatch.setattr(module, "DURATION", 0.5)
+    monkeypatch.setattr("rigel_k8s.ui.overview.DURATION", 0.5)
     scene.deploy(workload())
     left = lease.manifest(lease_ref(RELEASE))
     left["metadata"]["annotations"] = {}

@@ -44,7 +44,7 @@ function list(title, topics, names) {
 }
 
 function showPod(pod) {
-  const words = [pod.phase, pod.ready ? "ready" : "not ready", pod.machine && `on ${pod.machine}`, pod.ip, `since ${showTime(pod.created)}`];
+  const words = [pod.phase, pod.ready ? "ready" : "not ready", pod.node && `on ${pod.node}`, pod.ip, `since ${showTime(pod.created)}`];
   return make("li", {}, make("code", {}, pod.name), ` ${words.filter(Boolean).join(", ")}`, pod.message ? make("span", { class: "cause" }, ` ${pod.message}`) : null);
 }
 

@@ -11,9 +11,8 @@ messages.py    the few messages whose content becomes a metric, in both serializ
 samples.py     what a named topic's subscriber has received
 standing.py    compares looks with what is expected and was seen before, with limits
 listening.py   named topics, /diagnostics, /clock, /tf
-collection.py  looks in the background, and the answer to a scrape
+collection.py  looks in the background, and the answer to a scrape over HTTP
 metrics.py     Prometheus' text, and the meaning of each metric
-serving.py     HTTP
 config.py      its configuration file
 dds_graph.py   a program of its own, sent into a pod: the content of a DDS domain's discovery
 """

@@ -7,10 +7,9 @@ import sys
 import threading
 from pathlib import Path
 
-from rigel_exporter.collection import Collection
+from rigel_exporter.collection import Collection, Server
 from rigel_exporter.config import Config, ConfigFailed, read
 from rigel_exporter.graph import Half
-from rigel_exporter.serving import Server
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 

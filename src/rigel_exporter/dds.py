@@ -26,11 +26,11 @@ from rigel_inpod.spdp import Announcement, Place
 
 T = TypeVar("T")
 
-_ANNOUNCE = 3.0  # seconds between two announcements
 _FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up
 _FIRSTS = 5
 _TICK = 1.0
 _AGAIN = 10.0  # seconds between two looks for more peers, and for other interfaces
+_PERIODS = {"announce": 3.0, "tick": _TICK, "ask": _AGAIN, "interfaces": _AGAIN}
 _SERVER_PORT = 11811
 _PEER_PORTS = 8  # how many participants to look for at a peer's address
 
@@ -200,8 +200,8 @@ class _Timers:
     """The times of periodic tasks; `next` is the earliest, in seconds of a monotonic clock."""
 
     def __init__(self, now: float) -> None:
+        self._settled = now + _FIRSTS * _FIRST
         self._due = {"announce": now, "ask": now, "tick": now + _TICK, "interfaces": now + _AGAIN}
-        self._firsts = dict.fromkeys(("announce", "ask"), _FIRSTS)
 
     @property
     def next(self) -> float:
@@ -211,14 +211,9 @@ class _Timers:
         """Whether a task is due; if so, it is scheduled again."""
         if now < self._due[name]:
             return False
-        self._due[name] = now + self._period(name)
+        is_first = now < self._settled and name in ("announce", "ask")
+        self._due[name] = now + (_FIRST if is_first else _PERIODS[name])
         return True
-
-    def _period(self, name: str) -> float:
-        if self._firsts.get(name):
-            self._firsts[name] -= 1
-            return _FIRST
-        return {"announce": _ANNOUNCE, "tick": _TICK, "ask": _AGAIN, "interfaces": _AGAIN}[name]
 
 
 def _place(server: str) -> tuple[str, int]:

@@ -19,8 +19,7 @@ from rigel_exporter import dds_wire as wire
 from rigel_exporter import messages
 from rigel_exporter.dds_discovery import Endpoint
 from rigel_exporter.dds_peer import SERVER, Peer
-from rigel_exporter.dds_reliable import Change, Incoming, Outgoing
-from rigel_exporter.dds_samples import Source
+from rigel_exporter.dds_reliable import Change, Incoming, Outgoing, Source
 from rigel_exporter.samples import Subscription
 from rigel_inpod import rtps, spdp
 from rigel_inpod.spdp import Announcement, Place

@@ -1,4 +1,4 @@
-"""Both ends of RTPS' reliability: what a remote writer has sent, and what a writer of ours keeps.
+"""What remote writers have sent, reliably or best effort, and what a writer of ours keeps.
 
 Why: SEDP and ros_discovery_info are reliable: a reader that does not acknowledge is sent everything
 again, and one that does not request missing samples does not get them (DDSI-RTPS 2.5: 8.4.9,
@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rigel_exporter import dds_wire as wire
+from rigel_exporter import messages
+from rigel_exporter.samples import Subscription
 from rigel_inpod import rtps
 
 _AHEAD = 1024  # samples that are kept until the ones before them arrive
@@ -186,3 +188,45 @@ class Outgoing:
     def answer(self, item: wire.Acknack) -> list[bytes]:
         """Return the samples that a reader requests."""
         return [self.sample(n) for n in item.missing if n <= self.last]
+
+
+class Source:
+    """A remote writer of a named topic as a best-effort reader of ours sees it.
+
+    A sample counts with the first of its fragments, which contains its size, so a lost fragment
+    only loses that sample's payload.
+    """
+
+    def __init__(self, subscription: Subscription, type_name: str) -> None:
+        self.subscription, self.type = subscription, type_name
+        self._last = 0
+        self._whole: Assembly | None = None
+
+    def take(self, item: wire.Data | wire.Fragment, now: float) -> None:
+        """Take in a sample or fragments of one; `now` is in seconds since 1970."""
+        if isinstance(item, wire.Data):
+            if item.number > self._last and len(item.payload):
+                self._last = item.number
+                self.subscription.count(len(item.payload), self._stamp(item.payload), now)
+                self.subscription.keep(item.payload)
+        elif item.number >= self._last:
+            self._take_part(item, now)
+
+    def _take_part(self, part: wire.Fragment, now: float) -> None:
+        if part.number > self._last:
+            self._last, self._whole = part.number, None
+            self.subscription.count(part.total, None, now)
+            if self.subscription.keeps and Assembly.fits(part):
+                self._whole = Assembly(part)
+        if part.first == 1:
+            self.subscription.stamp(self._stamp(part.payload))
+        whole = self._whole.add(part) if self._whole else None
+        if whole is not None:
+            self._whole = None
+            self.subscription.keep(whole)
+
+    def _stamp(self, payload: memoryview) -> float | None:
+        try:
+            return messages.stamp(payload, self.type)
+        except messages.Unreadable:
+            return None

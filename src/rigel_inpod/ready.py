@@ -201,28 +201,20 @@ class Look(object):
         return found
 
     def _candidates(self):
-        """Return the names that may be this pod's, likely ones first."""
+        """Return the names that may be this pod's, the latest to register first."""
         if self.name:
             return [] if self.name in self.memory.nodes else [self.name]
         state = self._ask("getSystemState") or [[], [], []]
         entries = [entry for part in state for entry in part]
-        names = []  # the latest to register first; each registers /rosout early
+        names = []  # each registers /rosout early
         for _, entry in sorted(entries, key=lambda e: e[0] != ROSOUT):
             names += reversed(entry)
         age = {name: index for index, name in reversed(list(enumerate(names)))}
-        likely = self._hints()
         return [
             name
-            for name in sorted(age, key=lambda n: (not likely(n), age[n]))
+            for name in sorted(age, key=age.get)
             if name != ROSOUT and time.time() - self.elsewhere.get(name, 0) > FRESH
         ]
-
-    def _hints(self):
-        """Return a test: does a process carry this name in its arguments, or the name its id?"""
-        pids = [pid for pid in set(self.ports.values()) if pid]
-        words = " ".join(command(pid) for pid in pids)
-        marks = ["_%d_" % pid for pid in pids]
-        return lambda name: name.strip("/") in words or any(mark in name for mark in marks)
 
     def _describe_missing(self):
         pids = sorted({pid for pid in self.ports.values() if pid})

@@ -37,7 +37,7 @@ MODULES = (
         f"rigel_exporter.{name}"
         for name in (
             *("messages", "samples", "graph", "dds_names", "dds_discovery", "dds_wire"),
-            *("dds_reliable", "dds_peer", "dds_samples", "dds_participant", "dds_view"),
+            *("dds_reliable", "dds_peer", "dds_participant", "dds_view"),
             *("dds_ways", "dds"),
         )
     ),

@@ -10,8 +10,7 @@ from rigel_exporter import dds_discovery as discovery
 from rigel_exporter import dds_wire as wire
 from rigel_exporter import messages
 from rigel_exporter.dds_names import is_service, topic_name, type_name
-from rigel_exporter.dds_reliable import Incoming, Outgoing
-from rigel_exporter.dds_samples import Source
+from rigel_exporter.dds_reliable import Incoming, Outgoing, Source
 from rigel_exporter.samples import Subscription
 from rigel_inpod import rtps, spdp
 

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from rigel_exporter import ros1_stream, ros1_topic, ros1_view
+from rigel_exporter import ros1_topic, ros1_view
 from rigel_exporter.graph import Graph, Node, Topic
 from rigel_exporter.ros1 import Ros1
 from tests.support.rosgraph import RosGraph, ros_graph, until
@@ -353,7 +353,7 @@ def test_a_lost_word_is_no_lost_master(
 def test_a_message_that_is_too_large_is_counted_and_not_kept(
     graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ros1_stream, "LARGEST_KEPT", 10)
+    monkeypatch.setattr(ros1_topic, "LARGEST_KEPT", 10)
     node = graph.node("/camera", ["/image"])
     hearing = ros1.subscribe("/image", keep=5)
     ros1.look()

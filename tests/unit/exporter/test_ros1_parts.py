@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from rigel_exporter import messages
-from rigel_exporter.ros1_stream import decode_header, encode_header
+from rigel_exporter.ros1_topic import decode_header, encode_header
 from rigel_exporter.ros1_traffic import Ledger, count_growth
 
 

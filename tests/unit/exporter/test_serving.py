@@ -15,13 +15,12 @@ from pathlib import Path
 import pytest
 
 from rigel_exporter import messages
-from rigel_exporter.collection import Collection
+from rigel_exporter.collection import Collection, Server
 from rigel_exporter.config import Config, ConfigFailed, read
 from rigel_exporter.graph import Graph, Node
 from rigel_exporter.listening import STALE, STATUSES, Listening
 from rigel_exporter.metrics import FAMILIES, MOST_OF_A_LABEL, Sample, text
 from rigel_exporter.samples import Samples, Subscription
-from rigel_exporter.serving import Server
 from tests.support.until import until
 
 

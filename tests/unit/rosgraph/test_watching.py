@@ -10,8 +10,8 @@ from unittest.mock import Mock
 
 import pytest
 
+from rigel_exporter.collection import Server
 from rigel_exporter.metrics import Sample, text
-from rigel_exporter.serving import Server
 from rigel_inpod.sent import heard
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult

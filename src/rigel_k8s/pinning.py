@@ -2,7 +2,7 @@
 
 A registry is queried once for each image. Later installations keep what the last revision has, so
 a tag that is moved upstream changes nothing, and a cluster that cannot reach the registry does not
-wait for it. Applications query it at each deploy (`app/deploying/digests.py`): their tags are meant
+wait for it. Applications query it at each deploy (`app/deploying/images.py`): their tags are meant
 to move.
 """
 

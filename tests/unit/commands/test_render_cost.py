@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.app.deploying.digests import Pinned
+from rigel_k8s.app.deploying.images import Pinned
 from rigel_k8s.cli.main import main
 from rigel_k8s.commands import releases
 from rigel_k8s.settings import Settings

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -26,6 +25,12 @@ LARGEST_PARAMETER_FILE = 2**18
 MOST_PARAMETERS = 2**24
 
 
+#: The name of the option in errors whose place says which one it is.
+WHAT = "parameter_files"
+TOO_MANY = f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters"
+SPLIT = "split the file: it counts once for each node that uses it"
+
+
 def read_parameter_files(
     options: OrchestrationOptions, directory: Path, home: Path
 ) -> dict[str, str]:
@@ -39,11 +44,13 @@ def read_parameter_files(
         Untrusted: a file is elsewhere.
         UserError: a file cannot be read, is not YAML, or does not contain parameters.
     """
-    uses = list(_list_uses(options))
-    wheres = {name: _name_option(path) for path, name in uses}
-    texts = {name: _read(directory / name, home, where) for name, where in wheres.items()}
-    if sum(len(texts[name]) for _, name in uses) > MOST_PARAMETERS:
-        raise UserError(TOO_MANY, hint=SPLIT)
+    texts = {}
+    for path, name, result in _read_each(options, directory, home):
+        if isinstance(result, UserError):
+            option = ".".join(map(str, path[: path.index(WHAT) + 1]))
+            text = result.message.removeprefix(f"{WHAT}: ")
+            raise type(result)(f"{option}: {text}", hint=result.hint) from result
+        texts[name] = result
     return texts
 
 
@@ -51,33 +58,31 @@ def check_parameter_files(
     options: OrchestrationOptions, directory: Path, home: Path
 ) -> Iterator[Problem]:
     """Yield what read_parameter_files would refuse, at each use; a path with a template waits."""
+    for path, name, result in _read_each(options, directory, home):
+        if isinstance(result, UserError) and not has_template(name):
+            kind = "untrusted" if isinstance(result, Untrusted) else "bad-parameter-file"
+            message = result.message.removeprefix(f"{WHAT}: ")
+            yield Problem(path, "; ".join(filter(None, (message, result.hint))), kind)
+
+
+def _read_each(
+    options: OrchestrationOptions, directory: Path, home: Path
+) -> Iterator[tuple[OptionPath, str, str | UserError]]:
+    """Yield (path of the option, path as written, text or why there is none) at each use."""
     found: dict[str, str | UserError] = {}
     total = 0
     for path, name in _list_uses(options):
-        if has_template(name):
-            continue
         if name not in found:
             try:
-                found[name] = _read(directory / name, home, WHAT)
+                found[name] = _read(directory / name, home)
             except UserError as error:
                 found[name] = error
         result = found[name]
-        if isinstance(result, UserError):
-            kind = "untrusted" if isinstance(result, Untrusted) else "bad-parameter-file"
-            message = result.message.removeprefix(f"{WHAT}: ")
-            text = "; ".join(filter(None, (message, *result.details, result.hint)))
-            yield Problem(path, text, kind)
-            continue
-        total += len(result)
+        total += len(result) if isinstance(result, str) else 0
         if total > MOST_PARAMETERS:
-            yield Problem(path, f"{TOO_MANY}; {SPLIT}", "bad-parameter-file")
+            yield path, name, UserError(TOO_MANY, hint=SPLIT)
             return
-
-
-#: The name of the option in errors whose place says which one it is.
-WHAT = "parameter_files"
-TOO_MANY = f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters"
-SPLIT = "split the file: it counts once for each node that uses it"
+        yield path, name, result
 
 
 def _list_uses(options: OrchestrationOptions) -> Iterator[tuple[OptionPath, str]]:
@@ -94,23 +99,18 @@ def _list_files(options: ParameterOptions, above: OptionPath) -> Iterator[tuple[
             yield (*above, "parameter_files", index, *inner), name
 
 
-def _name_option(path: OptionPath) -> str:
-    """Return the option of a path, for errors without a place."""
-    return ".".join(str(step) for step in path[: path.index("parameter_files") + 1])
-
-
-def _read(path: Path, home: Path, where: str) -> str:
+def _read(path: Path, home: Path) -> str:
     """Return a parameter file's text, after checking that it contains parameters."""
     try:
-        text = read_text(path, home, LARGEST_PARAMETER_FILE, what=where)
+        text = read_text(path, home, LARGEST_PARAMETER_FILE, what=WHAT)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UserError(
-            f"{where}: cannot read {path}: {reason}",
+            f"{WHAT}: cannot read {path}: {reason}",
             hint="write its path relative to the application's directory",
         ) from error
     if fault := _find_fault(text):
-        raise UserError(f"{where}: {path}{fault}")
+        raise UserError(f"{WHAT}: {path}{fault}")
     return text
 
 
@@ -118,7 +118,9 @@ def _read(path: Path, home: Path, where: str) -> str:
 def _find_fault(text: str) -> str:
     """Return why a text does not contain parameters, behind the name of its file; "" if it does."""
     try:
-        content = _parse(text)
+        if excess := find_excess(text):
+            return f":{excess.span.line}:{excess.span.column} is not YAML: {excess.message}"
+        content = yaml.load(text, Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
@@ -128,10 +130,3 @@ def _find_fault(text: str) -> str:
     if not isinstance(content, dict):
         return " is not a mapping of parameter names to values"
     return ""
-
-
-def _parse(text: str) -> Any:
-    """Return the content of a parameter file."""
-    if excess := find_excess(text):
-        raise yaml.YAMLError(f"{excess.span.line}:{excess.span.column}: {excess.message}")
-    return yaml.load(text, Loader)

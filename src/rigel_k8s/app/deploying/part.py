@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from threading import Event
-from typing import TypeVar
 
 import attrs
 
+from rigel_k8s.app.deploying.images import write_pull_secret
 from rigel_k8s.app.deploying.prepare import Preparation, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
-from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
@@ -20,8 +19,6 @@ from rigel_k8s.release.rollback import find_target, undo
 from rigel_k8s.release.together import Inspection, Part, PartLook
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
-
-Failure = TypeVar("Failure", bound=RigelK8sError)
 
 #: Seconds that a graph may stay worse before it is rolled back.
 WITHIN = 60.0
@@ -95,24 +92,14 @@ class ApplicationPart(Part):
             if not self.settings.rollback_on_failure:
                 raise
             target = find_target(cluster, self.release)
-            raise self.undo(cluster, failure, target, options, CORRECT) from failure
+            raise undo(cluster, self.release, failure, target, options, hint=CORRECT) from failure
         except GraphWorse as worse:
-            raise self.undo(cluster, worse, watch.last_good, options, LOOK) from worse
+            last = watch.last_good
+            raise undo(cluster, self.release, worse, last, options, hint=LOOK) from worse
         where = f"{self.release.name} in {self.release.namespace}"
         options.report.line(f"{where} is at revision {revision.number}")
         if not self.limit:
             watch.report()
-
-    def undo(
-        self,
-        cluster: Cluster,
-        failure: Failure,
-        target: int | None,
-        options: DeployOptions,
-        hint: str,
-    ) -> Failure:
-        """Roll an update back, and return the error with the reason and the result."""
-        return undo(cluster, self.release, failure, target, options, hint=hint)
 
     def watch(self, cluster: Cluster, options: DeployOptions) -> None:
         """Check that DDS nodes discover each other, and copy the results.

@@ -13,10 +13,14 @@ import attrs
 
 from rigel_inpod import scripts
 from rigel_k8s.app.checks.application import check
-from rigel_k8s.app.deploying.digests import pin
-from rigel_k8s.app.deploying.images import Images
+from rigel_k8s.app.deploying.images import (
+    Images,
+    choose_credentials,
+    has_pull_secret,
+    pin,
+    secret_name,
+)
 from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
-from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions

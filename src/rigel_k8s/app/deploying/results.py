@@ -7,6 +7,7 @@ import tarfile
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -39,7 +40,13 @@ def copy_results(
     """
     pod = find_newest_pod(release, cluster)
     source = PurePosixPath(results.source_path)
-    wait_for(source, results, release, pod, cluster, cancel)
+    test = ["test", "-e", str(source)]
+
+    def exists() -> bool:
+        done = cluster.run(release.namespace, pod, test, container=str(results.container))
+        return done.code == 0
+
+    wait_until(exists, results, pod, cancel)
     command = ["tar", "cf", "-", "-C", str(source.parent), source.name or "."]
     with tempfile.TemporaryFile() as archive:
         errors = io.BytesIO()
@@ -75,24 +82,20 @@ def find_newest_pod(release: ReleaseId, cluster: Cluster) -> str:
     return str(max(pods, key=lambda p: p["metadata"]["creationTimestamp"])["metadata"]["name"])
 
 
-def wait_for(
-    source: PurePosixPath,
-    results: Results,
-    release: ReleaseId,
-    pod: str,
-    cluster: Cluster,
-    cancel: threading.Event,
+def wait_until(
+    exists: Callable[[], bool], results: Results, pod: str, cancel: threading.Event
 ) -> None:
     """Return when the path exists; check once if no wait was requested."""
     bound = results.wait.seconds if results.wait else 0.0
     deadline = time.monotonic() + bound
-    test = ["test", "-e", str(source)]
-    while cluster.run(release.namespace, pod, test, container=str(results.container)).code != 0:
+    while not exists():
         if time.monotonic() >= deadline:
             waited = f" after {bound:g} s" if bound else ""
-            raise RigelK8sError(f"results: {source} does not exist in pod {pod}{waited}")
+            raise RigelK8sError(
+                f"results: {results.source_path} does not exist in pod {pod}{waited}"
+            )
         if cancel.wait(LOOK):
-            raise Interrupted(f"stopped while waiting for {source} in pod {pod}")
+            raise Interrupted(f"stopped while waiting for {results.source_path} in pod {pod}")
 
 
 def extract(archive: BinaryIO, target: Path) -> None:

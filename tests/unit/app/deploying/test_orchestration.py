@@ -12,10 +12,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.deploying.digests import pin
+from rigel_k8s.app.deploying.images import pin, secret_of, write_pull_secret
 from rigel_k8s.app.deploying.prepare import Preparation, Request, prepare, timeout_of
 from rigel_k8s.app.deploying.results import extract, find_newest_pod
-from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import RegistryCredentials

@@ -18,7 +18,7 @@ from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 
 
 class Pool:
-    """The addresses that may be given out.
+    """The addresses that may be given out, as (first, last) of each stretch without gaps.
 
     Raises:
         ValueError: the options have no range of addresses; the checks report where and why.
@@ -26,54 +26,36 @@ class Pool:
 
     def __init__(self, network: Network) -> None:
         self.subnet = IPv4Network(network.subnet or "", strict=False)
-        lowest, highest = self.subnet.network_address, self.subnet.broadcast_address
-        self.first = IPv4Address(network.range_start or lowest)
-        self.last = IPv4Address(network.range_end or highest)
-        never = [*network.exclude, *filter(None, [network.gateway]), str(lowest), str(highest)]
-        networks = (IPv4Network(item, strict=False) for item in never)
-        self.reserved = tuple(collapse_addresses(networks))
+        ends = self.subnet.network_address, self.subnet.broadcast_address
+        self.first = int(IPv4Address(network.range_start or ends[0]))
+        last = int(IPv4Address(network.range_end or ends[1]))
+        self.span = max(1, last - self.first + 1)
+        never = [*network.exclude, *filter(None, [network.gateway]), *map(str, ends)]
+        self.stretches: list[tuple[int, int]] = []
+        start = self.first
+        for taken in collapse_addresses(IPv4Network(item, strict=False) for item in never):
+            self._add(start, min(last, int(taken.network_address) - 1))
+            start = max(start, int(taken.broadcast_address) + 1)
+        self._add(start, last)
+
+    def _add(self, first: int, last: int) -> None:
+        if first <= last:
+            self.stretches.append((first, last))
 
     def __contains__(self, address: IPv4Address) -> bool:
         """Return whether an address may be given out."""
-        inside = self.first <= address <= self.last and address in self.subnet
-        return inside and not any(address in network for network in self.reserved)
+        return any(first <= int(address) <= last for first, last in self.stretches)
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return max(0, self._span) - sum(map(self._count_within, self.reserved))
-
-    @property
-    def _span(self) -> int:
-        return int(self.last) - int(self.first) + 1
-
-    def _count_within(self, network: IPv4Network) -> int:
-        """Return how many addresses of a network lie between the first and the last."""
-        start = max(int(self.first), int(network.network_address))
-        end = min(int(self.last), int(network.broadcast_address))
-        return max(0, end - start + 1)
-
-    def stretches(self) -> Iterator[tuple[IPv4Address, IPv4Address]]:
-        """Yield (first, last) of each stretch without gaps."""
-        start = int(self.first)
-        for network in self.reserved:
-            if start < int(network.network_address):
-                yield from self._stretch(start, int(network.network_address) - 1)
-            start = max(start, int(network.broadcast_address) + 1)
-        yield from self._stretch(start, int(self.last))
-
-    def _stretch(self, start: int, end: int) -> Iterator[tuple[IPv4Address, IPv4Address]]:
-        """Yield a stretch as far as it lies between the first and the last."""
-        end = min(end, int(self.last))
-        if start <= end:
-            yield IPv4Address(start), IPv4Address(end)
+        return sum(last - first + 1 for first, last in self.stretches)
 
     def iterate_from(self, number: int) -> Iterator[IPv4Address]:
         """Yield all addresses, once each, beginning at any of them."""
-        start = int(self.first) + number % max(1, self._span)
-        stretches = [(int(first), int(last)) for first, last in self.stretches()]
-        for first, last in stretches:
+        start = self.first + number % self.span
+        for first, last in self.stretches:
             yield from map(IPv4Address, range(max(first, start), last + 1))
-        for first, last in stretches:
+        for first, last in self.stretches:
             yield from map(IPv4Address, range(first, min(last, start - 1) + 1))
 
 

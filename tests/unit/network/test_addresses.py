@@ -83,7 +83,7 @@ def test_a_pool_counts_what_it_has(more: dict[str, object], count: int) -> None:
     pool = Pool(network(**more))
     given_out = set(pool.iterate_from(123456789))
     assert len(pool) == count == len(given_out)
-    stretches = [range(int(first), int(last) + 1) for first, last in pool.stretches()]
+    stretches = [range(first, last + 1) for first, last in pool.stretches]
     assert [n for stretch in stretches for n in stretch] == sorted(map(int, given_out))
 
 

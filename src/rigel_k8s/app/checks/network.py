@@ -12,11 +12,10 @@ from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import find_program
 from rigel_k8s.app.updating import has_variable, is_rolling
 from rigel_k8s.generation import Generation
-from rigel_k8s.network.checks import check_options
+from rigel_k8s.network.checks import check_options, pool_of
 from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.rangechecks import pool_of
 from rigel_k8s.objects.raw import mapping
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem

@@ -9,7 +9,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.programs import Command
 from rigel_k8s.app.updating import recreate
 from rigel_k8s.generation import Generation
-from rigel_k8s.network.readiness import ready_words
+from rigel_k8s.network.modes import ready_words
 from rigel_k8s.objects.text import split_words
 
 

@@ -43,9 +43,8 @@ from rigel_k8s.app.starting import (
 )
 from rigel_k8s.app.updating import Way, find_obstacle, recreate, requests_hand_over
 from rigel_k8s.generation import Generation, Loading, Object
-from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.modes import mode_of, ready_words
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import LOG_PATH, log_volume
 from rigel_k8s.objects.workloads import ReleaseContext

@@ -13,12 +13,12 @@ import attrs
 
 from rigel_k8s.network.dds import EARLY
 from rigel_k8s.network.mode import Mode
-from rigel_k8s.network.options import MIDDLEWARE, Network
+from rigel_k8s.network.options import INTERFACE, MIDDLEWARE, ZENOH_PORT, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Path
 
-__all__ = ["MODES", "join", "mode_of", "network_objects", "wire_pod"]
+__all__ = ["MODES", "join", "mode_of", "network_objects", "ready_words", "wire_pod"]
 
 #: Each mode's module in this package and its name there, in the order of the documentation.
 HOMES = {
@@ -84,6 +84,15 @@ def network_objects(plan: NetworkPlan) -> Iterator[tuple[Path, Object]]:
 def join(plan: NetworkPlan) -> Object:
     """Return how a DDS participant that is not a ROS node finds those of the release."""
     return dict(mode_of(plan.options).join(plan, plan.options)) if plan.options else {}
+
+
+def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
+    """Return what the readiness probe checks (rigel_inpod/README.md): zenoh's router, or DDS."""
+    if plan.middleware == "zenoh":
+        return ("zenoh", "--port", str(ZENOH_PORT))
+    interface = ("--interface", INTERFACE) if mode_of(plan.options).attached else ()
+    domain = () if plan.domain_id is None else ("--domain", str(plan.domain_id))
+    return ("dds", *domain, *interface)
 
 
 def ros_variables(plan: NetworkPlan) -> dict[str, Object]:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
-from ipaddress import IPv4Network
+from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 import attrs
@@ -117,12 +117,12 @@ def host_local_ranges(network: Network) -> list[dict[str, Any]]:
         drop_empty(
             {
                 "subnet": str(pool.subnet),
-                "rangeStart": str(first),
-                "rangeEnd": str(last),
+                "rangeStart": str(IPv4Address(first)),
+                "rangeEnd": str(IPv4Address(last)),
                 "gateway": network.gateway,
             }
         )
-        for first, last in pool.stretches()
+        for first, last in pool.stretches
     ]
 
 

@@ -32,7 +32,6 @@ from rigel_k8s.network.dds import (
 from rigel_k8s.network.files import config_name, files_config, make_context, mount_files
 from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.rangechecks import read_v6
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.pods import Object
@@ -137,7 +136,7 @@ def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
 def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield peers that are neither a name nor an IPv4 address."""
     for index, peer in enumerate(network.peers):
-        if read_v6(peer) or not HOSTNAME.fullmatch(peer):
+        if not HOSTNAME.fullmatch(peer):
             message = f'"{peer}" is neither a name nor an IPv4 address (without a port)'
             yield Problem(("network", "peers", index), message, "bad-peer")
 

@@ -1,4 +1,4 @@
-"""What the script says on real machines, and what is made of it."""
+"""A machine: Multus is recognised whoever installed it, and the script runs on real machines."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import shutil
 import subprocess
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from rigel_k8s.network.preflight.machine import PROBE, Interface, parse
+from rigel_k8s.network.multus.installation import runs
+from rigel_k8s.network.preflight.machine import PROBE, Daemon, Interface, parse, read_daemon
 
 from .cases import MACHINES, machine
-
-pytestmark = pytest.mark.programs
 
 SHELLS = [["sh"], ["dash"], ["bash", "--posix"], ["busybox", "sh"]]
 
@@ -47,6 +47,7 @@ def test_half_an_answer_is_none() -> None:
         parse(text[: len(text) // 2])
 
 
+@pytest.mark.programs
 @pytest.mark.skipif(not Path("/proc/net/fib_trie").exists(), reason="needs Linux")
 @pytest.mark.parametrize("shell", SHELLS, ids=lambda shell: shell[0])
 def test_the_script_runs_in_any_shell(shell: list[str]) -> None:
@@ -76,6 +77,7 @@ def k3s(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.programs
 def test_links_are_followed_below_the_machines_root(k3s: Path) -> None:
     """Absolute links of k3s are followed below where its root directory is mounted."""
     directory = "/var/lib/rancher/k3s/data/cni"
@@ -83,6 +85,7 @@ def test_links_are_followed_below_the_machines_root(k3s: Path) -> None:
     assert facts.programs == {directory: frozenset({"bridge", "host-local", "macvlan"})}
 
 
+@pytest.mark.programs
 def test_links_out_of_sight_are_believed(k3s: Path) -> None:
     """Where the root directory is not mounted, a link that cannot be followed counts as there."""
     directory = f"{k3s}/var/lib/rancher/k3s/data/cni"
@@ -91,6 +94,7 @@ def test_links_out_of_sight_are_believed(k3s: Path) -> None:
     assert facts.programs == {directory: frozenset(expected)}
 
 
+@pytest.mark.programs
 def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:
     """An interface is wireless where the kernel's directory of it has `wireless` or `phy80211`,
     or its type is; laid over /sys/class/net, since no radio is here. One that vanishes meanwhile
@@ -126,3 +130,124 @@ def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:
 
 def _quoted(text: str) -> str:
     return text.replace("'", "'\\''")
+
+
+READY = {"conditions": [{"type": "Ready", "status": "True"}]}
+
+
+def pod(*containers: dict[str, Any], volumes: dict[str, str], status: Any = None) -> dict[str, Any]:
+    listed = [{"name": name, "hostPath": {"path": path}} for name, path in volumes.items()]
+    return {
+        "metadata": {"namespace": "kube-system", "name": "multus-x"},
+        "spec": {
+            "nodeName": "node1",
+            "containers": list(containers),
+            "volumes": [*listed, {"name": "config", "configMap": {"name": "c"}}],
+        },
+        "status": READY if status is None else status,
+    }
+
+
+def container(name: str, image: str, mounts: dict[str, str], **env: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "image": image,
+        "env": [{"name": key, "value": value} for key, value in env.items()],
+        "volumeMounts": [{"name": volume, "mountPath": path} for volume, path in mounts.items()]
+        + [{"name": "config", "mountPath": "/etc/multus"}],
+    }
+
+
+OURS = pod(
+    container(
+        "multus",
+        "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick",
+        {"machine": "/hostroot", "root-0": "/var/lib/rancher/k3s"},
+    ),
+    container("machine", "multus-cni:1", {}, BIN_DIR="/var/lib/rancher/k3s/data/cni"),
+    volumes={"machine": "/", "root-0": "/var/lib/rancher/k3s"},
+)
+UPSTREAM = pod(
+    container(
+        "kube-multus",
+        "ghcr.io/k8snetworkplumbingwg/multus-cni:snapshot-thick",
+        {"cni": "/host/etc/cni/net.d", "cnibin": "/opt/cni/bin", "hostroot": "/hostroot"},
+    ),
+    volumes={"cni": "/etc/cni/net.d", "cnibin": "/opt/cni/bin", "hostroot": "/"},
+)
+MICROK8S = pod(  # its addon runs the thin one
+    container(
+        "kube-multus",
+        "ghcr.io/k8snetworkplumbingwg/multus-cni:v3.9",
+        {"cni": "/host/etc/cni/net.d", "cnibin": "/host/opt/cni/bin"},
+    ),
+    volumes={
+        "cni": "/var/snap/microk8s/current/args/cni-network",
+        "cnibin": "/var/snap/microk8s/current/opt/cni/bin",
+    },
+)
+OLD_K3S = pod(
+    container(
+        "kube-rke2-multus", "rancher/hardened-multus-cni:v4", {"cnibin": "/host/opt/cni/bin"}
+    ),
+    volumes={"cnibin": "/var/lib/rancher/k3s/data/current/bin"},
+)
+UNUSUAL = pod(
+    container("daemon", "registry.lab/multus@sha256:00", {"host": "/host/"}), volumes={"host": "/"}
+)
+
+
+@pytest.mark.parametrize(
+    ("made", "name", "root", "directory"),
+    [
+        (OURS, "multus", "/hostroot", "/hostroot/var/lib/rancher/k3s/data/cni"),
+        (UPSTREAM, "kube-multus", "/hostroot", "/hostroot/opt/cni/bin"),
+        (MICROK8S, "kube-multus", "", "/host/opt/cni/bin"),
+        (OLD_K3S, "kube-rke2-multus", "", "/host/opt/cni/bin"),
+        (UNUSUAL, "daemon", "/host/", "/host/opt/cni/bin"),
+    ],
+    ids=["ours", "upstream", "microk8s", "old k3s", "unusual"],
+)
+def test_where_the_machine_is(made: dict[str, Any], name: str, root: str, directory: str) -> None:
+    """The container, the machine's root directory in it, and its CNI programs."""
+    expected = Daemon("node1", "kube-system", "multus-x", name, root=root, directories=(directory,))
+    assert read_daemon(made) == expected
+
+
+@pytest.mark.parametrize(
+    ("status", "state"),
+    [
+        (READY, ""),
+        ({"phase": "Pending"}, "Pending"),
+        ({}, "not ready"),
+        (
+            {
+                "phase": "Running",
+                "conditions": [{"type": "Ready", "status": "False"}],
+                "containerStatuses": [{"state": {"waiting": {"reason": "CrashLoopBackOff"}}}],
+            },
+            "CrashLoopBackOff",
+        ),
+    ],
+)
+def test_why_it_is_not_ready(status: dict[str, Any], state: str) -> None:
+    """The reason that Kubernetes has for it."""
+    made = pod(container("multus", "multus-cni:1", {}), volumes={}, status=status)
+    assert read_daemon(made).state == state
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "expected"),
+    [
+        ("kube-multus-ds", "registry.lab:5000/cni:4", True),
+        ("rke2-multus", "rancher/hardened-multus-cni:v4.2@sha256:00", True),
+        ("rigel-whereabouts", "registry.lab/multus/whereabouts:v0.9.4", False),
+        ("kube-proxy", "kube-proxy:1", False),
+    ],
+)
+def test_which_daemon_sets_are_multus(name: str, image: str, *, expected: bool) -> None:
+    """By its name or its image's, not by the registry that the image is in."""
+    volumes = [{"name": "cni", "hostPath": {"path": "/etc/cni/net.d"}}]
+    template = {"spec": {"containers": [{"name": "x", "image": image}], "volumes": volumes}}
+    made = {"metadata": {"name": name}, "spec": {"template": template}}
+    assert runs("multus", made) is expected

@@ -1,7 +1,8 @@
-"""A job type as a plugin of Rigel 0.3: setup checks, start works, stop never tears down.
+"""Our job types and providers as plugins and providers of Rigel 0.3.
 
-Rigel calls stop() after success too, and from its signal handler, in the middle of start(); so the
-work runs in a separate thread, and stop() cancels it and waits for it, once.
+A plugin's setup checks, start works, stop never tears down. Rigel calls stop() after success too,
+and from its signal handler, in the middle of start(); so the work runs in a separate thread, and
+stop() cancels it and waits for it, once.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from rigel_k8s.compat.words import LogReport, rigel_error
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.names import Builtin
-from rigel_k8s.jobs.registry import job_type
+from rigel_k8s.jobs.registry import job_type, provider_type
 from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
-from rigel_k8s.rigelfile import load
+from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
 
 
@@ -102,3 +103,32 @@ class JobPlugin:
             )
         except BaseException as error:
             self._error = error
+
+
+class ConnectionProvider:
+    """A provider of rigel-k8s as a provider of Rigel; plugins find its connection by its name."""
+
+    builtin: ClassVar[Builtin]
+    identifier: str
+    providers_data: dict[str, Any]
+
+    def connect(self) -> None:
+        """Connect with the options of the Rigelfile.
+
+        Raises:
+            RigelError: they are wrong, or it could not connect.
+        """
+        self._kind = provider_type(self.builtin.short)
+        try:
+            rigelfile = load(command_line().file)
+            spec = rigelfile.providers[self.identifier]
+            options = realise(rigelfile, spec, None, {}, self._kind.options).options
+            connection = self._kind.connect(options, self.identifier, LogReport())
+        except RigelK8sError as error:
+            raise rigel_error(error) from error
+        self.providers_data[self.identifier] = connection
+
+    def disconnect(self) -> None:
+        """Undo connect."""
+        if self.identifier in self.providers_data:
+            self._kind.disconnect(self.providers_data.pop(self.identifier))

@@ -8,8 +8,9 @@ of Rigel's own and of src.plugin that existing Rigelfiles use.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import attrs
 
@@ -39,44 +40,44 @@ class Builtin:
         """Every name that a Rigelfile may use."""
         return (self.short, *self.paths)
 
+    def load(self) -> type[Any]:
+        """Import the class."""
+        module, _, attribute = self.target.partition(":")
+        found: type[Any] = getattr(importlib.import_module(module), attribute)
+        return found
+
+
+_TYPES = "rigel_k8s.jobs.types"
 
 BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
     "job": (
         Builtin(
             "orchestration",
-            "rigel_k8s.jobs.types.orchestration:OrchestrationJob",
+            f"{_TYPES}.orchestration:OrchestrationJob",
             ("rigel_k8s.OrchestrationPlugin", "src.plugin.OrchestrationPlugin"),
         ),
         Builtin(
             "dockerfile",
-            "rigel_k8s.jobs.types.dockerfile:DockerfileJob",
+            f"{_TYPES}.dockerfile:DockerfileJob",
             ("rigel_k8s.DockerfilePlugin", "rigel.plugins.core.DockerfilePlugin"),
         ),
         Builtin(
             "buildx",
-            "rigel_k8s.jobs.types.buildx:BuildXJob",
+            f"{_TYPES}.buildx:BuildXJob",
             ("rigel_k8s.BuildXPlugin", "rigel.plugins.core.BuildXPlugin"),
         ),
-        Builtin(
-            "delivery",
-            "rigel_k8s.jobs.types.delivery:DeliveryJob",
-            ("rigel_k8s.DeliveryPlugin",),
-        ),
-        Builtin(
-            "network",
-            "rigel_k8s.jobs.types.network:NetworkJob",
-            ("rigel_k8s.NetworkPlugin",),
-        ),
+        Builtin("delivery", f"{_TYPES}.delivery:DeliveryJob", ("rigel_k8s.DeliveryPlugin",)),
+        Builtin("network", f"{_TYPES}.network:NetworkJob", ("rigel_k8s.NetworkPlugin",)),
         Builtin(
             "observability",
-            "rigel_k8s.jobs.types.observability:ObservabilityJob",
+            f"{_TYPES}.observability:ObservabilityJob",
             ("rigel_k8s.ObservabilityPlugin",),
         ),
     ),
     "provider": (
         Builtin(
             "registry",
-            "rigel_k8s.jobs.types.container_registry:ContainerRegistry",
+            f"{_TYPES}.container_registry:ContainerRegistry",
             (
                 "rigel_k8s.ContainerRegistryProvider",
                 "rigel.providers.core.ContainerRegistryProvider",
@@ -96,11 +97,8 @@ def list_installed(kind: Kind) -> tuple[Builtin, ...]:
     targets: dict[str, list[str]] = {}
     for entry in list_entries(GROUPS[kind]):
         targets.setdefault(entry.value, []).append(entry.name)
-    sorted_names = {target: sorted(names, key=_has_dot) for target, names in targets.items()}
-    return tuple(
-        Builtin(short, target, tuple(paths)) for target, (short, *paths) in sorted_names.items()
-    )
-
-
-def _has_dot(name: str) -> bool:
-    return "." in name
+    found = []
+    for target, names in targets.items():
+        short, *paths = sorted(names, key=lambda name: "." in name)
+        found.append(Builtin(short, target, tuple(paths)))
+    return tuple(found)

@@ -49,8 +49,7 @@ def resolve(directory: Path | None, kind: Kind, name: str) -> Any:
     name = name.strip()
     builtin = index_by_name(kind).get(name)
     if builtin:
-        module, _, attribute = builtin.target.partition(":")
-        return getattr(importlib.import_module(module), attribute)()
+        return builtin.load()()
     places = places_of(directory)
     with places.left_out():
         found = find(GROUPS[kind], name)

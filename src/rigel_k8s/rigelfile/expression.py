@@ -1,22 +1,25 @@
 """Expressions in templates: filters and arithmetic, through jinja2's sandbox.
 
 jinja2 would read `vars.base-image` as a subtraction and `vars.items` as a method, so it never sees
-these names: each is looked up here and passed on under a name of its own. Import this module only
+these names: each is looked up here and passed on under a name of its own. Its sandbox shields
+Python from an expression; time and memory are limited by spending.py. Import this module only
 when a file has an expression; jinja2 takes longer to import than the rest of a check.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from functools import lru_cache
 from typing import Any
 
 import attrs
-from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
+from jinja2 import Environment, StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
+from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from rigel_k8s.rigelfile.findings import find_nearest
-from rigel_k8s.rigelfile.limits import MOST_BITS
-from rigel_k8s.rigelfile.sandbox import Budget, environment, run
+from rigel_k8s.rigelfile.limits import LONGEST_EXPRESSION, MOST_BITS, MOST_VALUES
 
 _REFERENCE = re.compile(
     r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
@@ -26,6 +29,11 @@ _REFERENCE = re.compile(
 )
 _UNKNOWN_NAME = re.compile(r"[\w-]*\w")
 _PREFIX = "rigel_"
+#: Filters for HTML, for debugging, and those whose result differs from run to run.
+LEFT_OUT = frozenset(
+    ("attr", "e", "escape", "forceescape", "pprint", "random", "safe", "striptags", "urlize")
+    + ("wordwrap", "xmlattr")
+)
 #: What computing with values of a wrong type may raise.
 _FAILURES = (
     TemplateError,
@@ -90,19 +98,23 @@ def make_undefined(reference: Reference) -> Any:
     return StrictUndefined(name=f"{reference.header}.{reference.name}")
 
 
-def evaluate(source: str, values: Mapping[Reference, Any], budget: Budget) -> Any:
+def evaluate(
+    source: str, values: Mapping[Reference, Any], limits: AbstractContextManager[None]
+) -> Any:
     """Return what the expression gives, as plain data.
 
     Args:
-        budget: the time that the expressions of the file may still take.
+        limits: limits the time and the memory of what is computed in it.
 
     Raises:
         ExpressionError: it is not an expression, cannot be computed, or would make too much.
-        TooLong: it takes more time.
     """
     text, context = _rewrite(source, values)
     try:
-        return _data(run(text, context, budget), source)
+        if len(text) > LONGEST_EXPRESSION:
+            raise ValueError(f"an expression has at most {LONGEST_EXPRESSION} characters")
+        with limits:
+            return _data(_compile(text)(**context), source, iter(range(MOST_VALUES)))
     except TemplateSyntaxError as error:
         raise ExpressionError(_syntax(error, source)) from error
     except UndefinedError as error:
@@ -124,17 +136,20 @@ def _rewrite(source: str, values: Mapping[Reference, Any]) -> tuple[str, dict[st
     return "".join([*pieces, source[place:]]), context
 
 
-def _data(value: Any, source: str) -> Any:
+def _data(value: Any, source: str, room: Iterator[int]) -> Any:
+    """Return a result, with all in it that is lazy, as data; `room` has an entry for each value."""
+    if next(room, None) is None:
+        raise ValueError(f"a result has at most {MOST_VALUES} values")
     if isinstance(value, StrictUndefined):
         value._fail_with_undefined_error()
-    if isinstance(value, dict):
-        return {str(key): _data(item, source) for key, item in value.items()}
     if isinstance(value, int) and value.bit_length() > MOST_BITS:
         raise ExpressionError(f"{source} gives a number of more than a thousand digits")
     if isinstance(value, str | int | float) or value is None:
         return value
-    if isinstance(value, list):
-        return [_data(item, source) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): _data(item, source, room) for key, item in value.items()}
+    if isinstance(value, Iterable):
+        return [_data(item, source, room) for item in value]
     raise ExpressionError(f"{source} gives a {type(value).__name__}, which is not data")
 
 
@@ -154,3 +169,31 @@ def _hint(message: str) -> str:
     if unknown and not unknown[1].startswith(_PREFIX):
         return f": write vars.{unknown[1]} or data.{unknown[1]}"
     return ""
+
+
+@lru_cache(maxsize=512)
+def _compile(text: str) -> Callable[..., Any]:
+    return environment().compile_expression(text, undefined_to_none=False)
+
+
+@lru_cache(maxsize=1)
+def environment() -> Environment:
+    """Return the environment of all expressions."""
+    found = ImmutableSandboxedEnvironment(undefined=StrictUndefined, optimized=False)
+    found.globals = {"range": found.globals["range"], "dict": dict}
+    found.filters = {name: work for name, work in found.filters.items() if name not in LEFT_OUT}
+    found.filters["regex_replace"] = _regex_replace
+    return found
+
+
+def _regex_replace(
+    value: Any,
+    pattern: str,
+    replacement: str = "",
+    ignorecase: bool = False,  # noqa: FBT001, FBT002 - the filter's users may give it by position
+    multiline: bool = False,  # noqa: FBT001, FBT002
+    count: int = 0,
+) -> str:
+    """Ansible's filter of that name, which src.plugin's Rigelfiles use."""
+    flags = (re.IGNORECASE if ignorecase else 0) | (re.MULTILINE if multiline else 0)
+    return re.sub(pattern, replacement, str(value), count=count, flags=flags)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 
-class WrittenFloat(float):
-    """A float whose text is not what Python would write."""
+class _Written:
+    """A number whose text is not what Python would write."""
 
     raw: str
 
@@ -17,13 +17,12 @@ class WrittenFloat(float):
         return self.raw
 
 
-class WrittenInt(int):
-    """An int whose text is not what Python would write."""
+class WrittenFloat(_Written, float):
+    """A float with its text."""
 
-    raw: str
 
-    def __str__(self) -> str:
-        return self.raw
+class WrittenInt(_Written, int):
+    """An int with its text."""
 
 
 def keep_text(value: Any, raw: str | None) -> Any:

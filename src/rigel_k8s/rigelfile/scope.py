@@ -12,20 +12,24 @@ from typing import Any
 import attrs
 
 from rigel_k8s.option_text import has_template
-from rigel_k8s.rigelfile.filling import (
+from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_SUGGESTIONS
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
+from rigel_k8s.rigelfile.spending import KIND, Spending
+from rigel_k8s.rigelfile.template import (
+    HEADERS,
+    Expression,
+    Name,
+    Part,
+    Unclosed,
     add_origin,
     convert_numbers,
     find_span,
     join,
     place_value,
     read_text,
+    split,
 )
-from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
-from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_SUGGESTIONS
-from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
-from rigel_k8s.rigelfile.spending import KIND, Spending
-from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
-from rigel_k8s.rigelfile.template import parts as parts_of
 
 
 class _Wrong(Exception):
@@ -147,12 +151,13 @@ class Scope:
         span = value.key_span or value.span
         text = self._text(YamlNode(key, span, raw=key))
         if isinstance(text.value, dict | list):
-            self._report(text, f"a key must be text, but {key} is {kind_of(text.value)}")
+            message = f"a key must be text, but {key} is {kind_of(text.value)}"
+            self.findings.append(make_finding(text, message, "template"))
             return key
         return read_text(text)
 
     def _text(self, node: YamlNode) -> YamlNode:
-        pieces = list(parts_of(node.value))
+        pieces = list(split(node.value))
         try:
             templates = [part for part in pieces if not isinstance(part, str)]
             if len(templates) == 1 and "".join(p for p in pieces if isinstance(p, str)).isspace():
@@ -185,20 +190,12 @@ class Scope:
                 waits = True
             except _Wrong as wrong:
                 waits = True
-                before = pieces[:number]
-                self.findings.append(self._finding(node, wrong, piece, before))
+                span = find_span(self.source, node, piece.text, pieces[:number].count(piece))
+                finding = make_finding(node, wrong.message, wrong.kind)
+                self.findings.append(attrs.evolve(finding, span=span))
         if waits and (len(pieces) > 1 or not values or values[0].hole):
             raise _Waits
         return values
-
-    def _finding(self, node: YamlNode, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
-        text = piece if isinstance(piece, str) else piece.text
-        same = sum(1 for part in before if not isinstance(part, str) and part.text == text)
-        span = find_span(self.source, node, text, same)
-        return attrs.evolve(make_finding(node, wrong.message, wrong.kind), span=span)
-
-    def _report(self, node: YamlNode, message: str) -> None:
-        self.findings.append(make_finding(node, message, "template"))
 
     # Names
 
@@ -283,7 +280,6 @@ class Scope:
         if not piece.source:
             raise _Wrong("an empty template: write {{ vars.NAME }}")
         from rigel_k8s.rigelfile import expression
-        from rigel_k8s.rigelfile.sandbox import TooLong
 
         values: dict[expression.Reference, Any] = {}
         found: list[YamlNode] = []
@@ -301,10 +297,8 @@ class Scope:
         if any(value.has_hole() for value in found):
             raise _Waits
         try:
-            result = expression.evaluate(piece.source, values, self._spent.budget)
-        except TooLong:
-            message = "the expressions of this file take too long; the check stopped at this one"
-            self._spent.refuse(node, message)
+            limits = self._spent.limit_expression(node)
+            result = expression.evaluate(piece.source, values, limits)
         except expression.ExpressionError as error:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
         self._spent.add_text(node, _count_text(result))

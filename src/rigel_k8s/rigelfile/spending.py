@@ -1,10 +1,22 @@
-"""How much a Rigelfile has expanded to so far; above a limit, reading ends with an error."""
+"""How much a Rigelfile has expanded to so far; above a limit, reading ends with an error.
+
+jinja2 shields Python from an expression, but `"a" * 10**9` fills the memory, and a regular
+expression may take for ever. The kernel stops both: a timer counts the processor's time, which all
+expressions of a file share, and a limit of the address space refuses what is too large. Signals
+reach the main thread only, where files of unknown origin are checked and rendered. In other
+threads, where Rigel 0.3 runs a file, the time is looked at before each expression.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import resource
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NoReturn
+from pathlib import Path
+from time import thread_time
+from typing import NoReturn
 
 import attrs
 
@@ -12,18 +24,21 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.rigelfile.findings import Finding, make_finding, render
 from rigel_k8s.rigelfile.limits import (
     DEEPEST,
+    EXPRESSION_SECONDS,
     LONGEST_LINE,
     LONGEST_TEXT,
     MOST_LOOKED_AT,
+    MOST_MEMORY,
     MOST_TEXT,
     MOST_VALUES,
 )
 from rigel_k8s.rigelfile.source import Source, YamlNode
 
-if TYPE_CHECKING:
-    from rigel_k8s.rigelfile.sandbox import Budget
-
 KIND = "too-large"
+#: Linux' numbers about this process; the first one is its address space in pages.
+STATM = Path("/proc/self/statm")
+#: Seconds until a signal that something swallowed is sent again.
+AGAIN = 0.2
 
 
 class TooLarge(ProblemsError):
@@ -46,15 +61,7 @@ class Spending:
     values: int = 0
     text: int = 0
     looked_at: int = 0
-    _budget: Budget | None = None
-
-    @property
-    def budget(self) -> Budget:
-        """The time that expressions may still take."""
-        from rigel_k8s.rigelfile.sandbox import Budget
-
-        self._budget = self._budget or Budget()
-        return self._budget
+    seconds: float = 0
 
     def add_values(self, use: YamlNode, made: YamlNode) -> None:
         """Count the values that a template at `use` gives."""
@@ -80,9 +87,63 @@ class Spending:
             )
             self.refuse(options, message)
 
+    @contextmanager
+    def limit_expression(self, node: YamlNode) -> Iterator[None]:
+        """Limit the time and the memory of an expression at a node.
+
+        Raises:
+            TooLarge: the expressions of this file have taken all the time that they may.
+            MemoryError: it needs too much memory.
+        """
+
+        def stop(*_: object) -> NoReturn:
+            message = "the expressions of this file take too long; the check stopped at this one"
+            self.refuse(node, message)
+
+        left = EXPRESSION_SECONDS - self.seconds
+        if left <= 0:
+            stop()
+        began = thread_time()
+        try:
+            if threading.current_thread() is threading.main_thread():
+                with _limit_time(left, stop), _limit_memory():
+                    yield
+            else:
+                yield
+        finally:
+            self.seconds += thread_time() - began
+
     def refuse(self, node: YamlNode, message: str) -> NoReturn:
         """End the check of this file, with one error at a node."""
         raise TooLarge(self.source, make_finding(node, message, KIND))
+
+
+@contextmanager
+def _limit_time(seconds: float, stop: Callable[..., NoReturn]) -> Iterator[None]:
+    previous = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds, AGAIN)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, previous or signal.SIG_DFL)
+
+
+@contextmanager
+def _limit_memory() -> Iterator[None]:
+    if not STATM.exists():
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    now = int(STATM.read_text("ascii").split()[0]) * resource.getpagesize()
+    limit = now + MOST_MEMORY
+    if soft != resource.RLIM_INFINITY:
+        limit = min(limit, soft)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def count(node: YamlNode, most: int) -> int:

@@ -24,8 +24,7 @@ Where stacks come from, and who asks for them:
 
 library.py      the files of a directory, searched by ids
 ditto.py        requests to a Ditto, with a secret that is sent nowhere else
-twin.py         stacks that are things of a Ditto
-opening.py      what a user names: a file, an id, a thing, or the stack itself
+opening.py      what a user names: a file, an id, a thing of a Ditto, or the stack itself
 options.py      the key `muto` as options
 expansion.py    replaces the key by the stack's nodes, before anything else reads the options
 convert.py      `rigel muto convert`

@@ -20,31 +20,6 @@ from rigel_muto.stack import text_at
 Lose = Callable[[YamlNode, str, Path, str], None]
 
 
-@attrs.frozen
-class ContainerValue:
-    """A value that is known only inside of a container of the image.
-
-    Attributes:
-        node: the value with its arguments filled in.
-        calls: what is left in it: `$(find robot)`.
-    """
-
-    node: YamlNode
-    calls: tuple[str, ...]
-
-    @property
-    def is_substituted(self) -> bool:
-        """Whether a container resolves all of it."""
-        return all(map(is_substituted, self.calls))
-
-    def explain(self) -> str:
-        """Return why it is not known here, for a message."""
-        unknown = [call for call in self.calls if not is_substituted(call)]
-        if unknown:
-            return f"{', '.join(unknown)} is none of {FORMS}"
-        return f"only the image has {', '.join(self.calls)}"
-
-
 @attrs.define
 class Allowance:
     """How many characters the arguments of all stacks of a job may still make."""
@@ -85,15 +60,16 @@ class Arguments:
         """The names that the stack declares."""
         return frozenset(self._declared)
 
-    def resolve(self, node: YamlNode) -> YamlNode | ContainerValue:
-        """Return a value with the arguments in its texts filled in.
+    def resolve(self, node: YamlNode) -> tuple[YamlNode, tuple[str, ...]]:
+        """Return a value with the arguments in its texts filled in, and what is left to resolve.
+
+        What is left, as `$(find robot)`, is known only inside of a container of the image.
 
         Raises:
             Unreadable: an argument that is unknown, has no value, or needs itself.
         """
         resolved = _map_texts(node, self._fill)
-        calls = tuple(dict.fromkeys(_find_calls(resolved)))
-        return ContainerValue(resolved, calls) if calls else resolved
+        return resolved, tuple(dict.fromkeys(_find_calls(resolved)))
 
     def _fill(self, text: str, at: YamlNode) -> str:
         parts, end = [], 0
@@ -159,23 +135,29 @@ class Completion:
 
     def complete(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
         """Return a value; None with a remark where not even a container could resolve it."""
-        resolved = self._arguments.resolve(value)
-        if not isinstance(resolved, ContainerValue):
+        resolved, calls = self._arguments.resolve(value)
+        if all(map(is_substituted, calls)):
+            self.substitutes = self.substitutes or bool(calls)
             return resolved
-        if resolved.is_substituted:
-            self.substitutes = True
-            return resolved.node
-        message = f"{what} cannot be carried over: {resolved.explain()}"
-        self.lose(resolved.node, message, option, "needs-container")
+        message = f"{what} cannot be carried over: {_explain(calls)}"
+        self.lose(resolved, message, option, "needs-container")
         return None
 
     def know(self, key: str, value: YamlNode) -> YamlNode:
         """Return the value of a key. Raises Unreadable where only a container can resolve it."""
-        resolved = self._arguments.resolve(value)
-        if isinstance(resolved, ContainerValue):
-            message = f'"{key}" must be known before the node runs: {resolved.explain()}'
-            raise Unreadable(error(resolved.node, message, "needs-container"))
+        resolved, calls = self._arguments.resolve(value)
+        if calls:
+            message = f'"{key}" must be known before the node runs: {_explain(calls)}'
+            raise Unreadable(error(resolved, message, "needs-container"))
         return resolved
+
+
+def _explain(calls: tuple[str, ...]) -> str:
+    """Return why expressions are not known here."""
+    unknown = [call for call in calls if not is_substituted(call)]
+    if unknown:
+        return f"{', '.join(unknown)} is none of {FORMS}"
+    return f"only the image has {', '.join(calls)}"
 
 
 def _map_texts(node: YamlNode, change: Callable[[str, YamlNode], str]) -> YamlNode:

@@ -10,6 +10,18 @@ import click
 from rigel_k8s.cli.words import Group, choose_reporter, namespace_option, settings, warn
 
 
+def login_options(command: Any) -> Any:
+    """Add the options with which a command logs in to a Ditto."""
+    secret = "Read Ditto's {} from this environment variable."
+    for option in (
+        click.option("--password", metavar="VARIABLE", help=secret.format("password")),
+        click.option("--user", metavar="NAME", help="Log in to Ditto as this user."),
+        click.option("--token", metavar="VARIABLE", help=secret.format("token")),
+    ):
+        command = option(command)
+    return command
+
+
 @click.group(cls=Group)
 def muto() -> None:
     """Use stacks of Eclipse Muto, and take its commands.
@@ -48,13 +60,7 @@ def muto() -> None:
 )
 @click.option("--strict", is_flag=True, help="Refuse a stack that cannot be carried over whole.")
 @click.option("--twin-url", metavar="URL", help="Ask this Ditto for stacks that no file has.")
-@click.option(
-    "--token", metavar="VARIABLE", help="Read Ditto's token from this environment variable."
-)
-@click.option("--user", metavar="NAME", help="Log in to Ditto as this user.")
-@click.option(
-    "--password", metavar="VARIABLE", help="Read Ditto's password from this environment variable."
-)
+@login_options
 def convert(
     stack: str,
     arguments: tuple[str, ...],
@@ -126,13 +132,7 @@ def convert(
 @click.option(
     "--twin-url", metavar="URL", help="Read stacks from this Ditto, and write to it what runs."
 )
-@click.option(
-    "--token", metavar="VARIABLE", help="Read Ditto's token from this environment variable."
-)
-@click.option("--user", metavar="NAME", help="Log in to Ditto as this user.")
-@click.option(
-    "--password", metavar="VARIABLE", help="Read Ditto's password from this environment variable."
-)
+@login_options
 @click.option(
     "--allow-stack",
     "stacks",

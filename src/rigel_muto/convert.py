@@ -19,12 +19,11 @@ from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.source import node_of
 from rigel_k8s.system.trees import File, Tree, write_tree
 from rigel_muto.archives import find_archive, translate_archive, unpack_archive
-from rigel_muto.opening import Find, open_stack
+from rigel_muto.opening import Find, Twin, open_stack
 from rigel_muto.options import Muto
 from rigel_muto.remarks import NotFound, Unreadable, list_findings, note
 from rigel_muto.stack import Stack
 from rigel_muto.translation import Translation, require_nodes, translate
-from rigel_muto.twin import Twin
 from rigel_muto.writing import (
     ASSUMED,
     LAST_ROS1,
@@ -32,7 +31,6 @@ from rigel_muto.writing import (
     Target,
     list_options,
     name_release,
-    write_building_rigelfile,
     write_rigelfile,
 )
 
@@ -112,8 +110,7 @@ def _convert(source: Muto, image: str | None, distro: str | None, *, builds: boo
         assumed = note(stack.place, ASSUMED, "assumed-ros")
         made = attrs.evolve(made, remarks=(assumed, *made.remarks))
         findings = (assumed.finding, *findings)
-    compose = write_building_rigelfile if archive else write_rigelfile
-    text = compose(name, stack, made, target)
+    text = write_rigelfile(name, stack, made, target, builds=bool(archive))
     return Converted(text, tuple(render(nothing, one) for one in findings), sources)
 
 

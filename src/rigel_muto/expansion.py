@@ -15,12 +15,11 @@ from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding, pl
 from rigel_k8s.rigelfile.source import YamlNode, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.system.trust import Untrusted, require_trust
-from rigel_muto.opening import Find, open_stack
+from rigel_muto.opening import Find, Twin, open_stack
 from rigel_muto.options import Muto
 from rigel_muto.remarks import NotFound, Remark, Unreadable, leave_out_replaced, list_findings, note
 from rigel_muto.stack import Stack
 from rigel_muto.translation import Translation, require_nodes, translate
-from rigel_muto.twin import Twin
 
 KEY, NODES = "muto", "nodes"
 #: Options with which an entry of `nodes` is a node of its own.

@@ -9,8 +9,6 @@ archives          stack/archive, and the older `artifact`: sources to build
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import attrs
 
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
@@ -129,50 +127,44 @@ def _read_solution(root: YamlNode) -> Stack:
     if len(components.value) > MOST_COMPONENTS:
         message = f"this solution has more than {MOST_COMPONENTS} components"
         raise Unreadable(error(components, message, "too-large", key=True))
-    parts = tuple(part for item in components.value for part in _read_component(item))
-    remarks = tuple(remark for item in components.value for remark in _remark_on_other_type(item))
+    parts: list[Stack] = []
+    remarks = []
+    for item in components.value:
+        content = item.value if isinstance(item.value, dict) else {}
+        properties = content.get("properties")
+        found = properties.value if properties else None
+        if properties and isinstance(found, dict) and text_at(found, "type") == "stack":
+            parts += _read_component(name_at(content, "name"), properties)
+        else:
+            remarks.append(_lose_component(item))
     if not parts:
         message = "no component of this solution is a stack: expected properties.type: stack"
         raise Unreadable(error(components, message, "not-a-stack", key=True))
-    named = _descend(root, "metadata").value if _has(root, "metadata") else {}
-    name = name_at(named, "name")
+    metadata = root.value.get("metadata")
+    named = metadata is not None and not is_empty(metadata)
+    name = name_at(_descend(root, "metadata").value, "name") if named else ""
     return Stack(
         tuple(filter(None, [name])),
         name,
         root,
-        parts=parts,
-        remarks=remarks,
+        parts=tuple(parts),
+        remarks=tuple(remarks),
         ros2=any(part.ros2 for part in parts),
     )
 
 
-def _find_properties(item: YamlNode) -> YamlNode | None:
-    """Return the properties of a component that is a stack, None for one of another type."""
-    properties = item.value.get("properties") if isinstance(item.value, dict) else None
-    if properties is None or not isinstance(properties.value, dict):
-        return None
-    return properties if text_at(properties.value, "type") == "stack" else None
-
-
-def _remark_on_other_type(item: YamlNode) -> Iterator[Remark]:
-    """Yield that a component is not carried over, if it is not a stack."""
-    if _find_properties(item) is not None:
-        return
+def _lose_component(item: YamlNode) -> Remark:
+    """Return that a component of another type is not carried over."""
     content = item.value if isinstance(item.value, dict) else {}
-    name = text_at(content, "name")
+    name, form = text_at(content, "name"), text_at(content, "type")
     what = f'the component "{name}"' if name else "this component"
-    form = text_at(content, "type")
     other = f" is of the type {form}, not a stack" if form else " is not a stack"
-    yield loss(item, f"{what}{other}, and is not carried over: deploy it on its own")
+    return loss(item, f"{what}{other}, and is not carried over: deploy it on its own")
 
 
-def _read_component(item: YamlNode) -> Iterator[Stack]:
-    """Yield the stacks of a component; `data` is text in base64, or the stack itself."""
-    properties = _find_properties(item)
-    if properties is None:
-        return
+def _read_component(name: str, properties: YamlNode) -> tuple[Stack, ...]:
+    """Return the stacks of a component; `data` is text in base64, or the stack itself."""
     data = properties.value.get("data")
-    name = name_at(item.value, "name")
     if data is None:
         message = f'the component "{name}" has no data'
         raise Unreadable(error(properties, message, "not-a-stack", key=True))
@@ -180,11 +172,7 @@ def _read_component(item: YamlNode) -> Iterator[Stack]:
     if isinstance(inner.value, dict) and "spec" in inner.value:
         message = "a component of a solution cannot be a solution"
         raise Unreadable(error(inner.value["spec"], message, "not-a-stack", key=True))
-    yield from list_stacks(inner)
-
-
-def _has(root: YamlNode, key: str) -> bool:
-    return key in root.value and not is_empty(root.value[key])
+    return list_stacks(inner)
 
 
 def _descend(root: YamlNode, *keys: str) -> YamlNode:

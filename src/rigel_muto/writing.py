@@ -65,44 +65,35 @@ def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:
     }
 
 
-def write_rigelfile(name: str, stack: Stack, made: Translation, target: Target) -> str:
+def write_rigelfile(
+    name: str, stack: Stack, made: Translation, target: Target, *, builds: bool
+) -> str:
     """Return a Rigelfile that deploys the nodes of a stack.
 
     Args:
         name: what the user called the stack.
-    """
-    lines = [
-        f"# Made from {name} by `rigel muto convert`.",
-        *_indent({"application": {"distro": target.distro}}, 0),
-        *_indent({"jobs": {"deploy": DEPLOY}}, 0),
-        "    with:",
-        *([] if target.image else [f"      # {IMAGE}"]),
-        *_indent(_escape_templates(list_options(name, stack, target)), 6),
-        *_list_nodes(made),
-    ]
-    return "\n".join([*lines, ""])
-
-
-def write_building_rigelfile(name: str, stack: Stack, made: Translation, target: Target) -> str:
-    """Return a Rigelfile that builds an image of the directory SOURCES beside it, and deploys it.
-
-    Args:
-        name: what the user called the stack.
+        builds: it builds an image of the directory SOURCES beside it first.
     """
     options = _escape_templates(list_options(name, stack, target))
-    image = {"vars": {"image": options.pop("image")}}
-    lines = [
-        f"# Made from {name} by `rigel muto convert`.",
-        "# `rigel run sequence deploy` builds an image of its sources and deploys it.",
-        *_indent({"application": {"distro": target.distro, "dir": SOURCES}}, 0),
-        *([] if target.image else ["# Write the name of the image here."]),
-        *_indent(image, 0),
-        *_indent({"jobs": {**BUILD_JOBS, "deploy": DEPLOY}}, 0),
-        "    with:",
-        *_indent({"image": "{{ vars.image }}", **options}, 6),
-        *_list_nodes(made),
-        *_indent({"sequences": DEPLOY_ALL}, 0),
-    ]
+    lines = [f"# Made from {name} by `rigel muto convert`."]
+    if builds:
+        image = {"vars": {"image": options["image"]}}
+        options["image"] = "{{ vars.image }}"
+        lines += [
+            "# `rigel run sequence deploy` builds an image of its sources and deploys it.",
+            *_indent({"application": {"distro": target.distro, "dir": SOURCES}}, 0),
+            *([] if target.image else ["# Write the name of the image here."]),
+            *_indent(image, 0),
+        ]
+    else:
+        lines += _indent({"application": {"distro": target.distro}}, 0)
+    lines += _indent({"jobs": {**(BUILD_JOBS if builds else {}), "deploy": DEPLOY}}, 0)
+    lines.append("    with:")
+    if not (builds or target.image):
+        lines.append(f"      # {IMAGE}")
+    lines += [*_indent(options, 6), *_list_nodes(made)]
+    if builds:
+        lines += _indent({"sequences": DEPLOY_ALL}, 0)
     return "\n".join([*lines, ""])
 
 

@@ -25,7 +25,6 @@ from rigel_k8s import __version__
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_lab.cluster.oci import push_archive
 from rigel_muto.agent.address import Login
-from rigel_muto.agent.manifests import MEMORY
 from tests.support import broker_image, shared
 from tests.support.certificates import AUTHORITY, Authority
 from tests.support.http_server import Exchange, HttpServer, serving
@@ -105,7 +104,7 @@ class AgentProcess:
         """Start it, and wait until it hears the broker."""
         before = self.read_log().count("connected to")
         with self.log.open("ab") as log:
-            environ = {**os.environ, **{one["name"]: one["value"] for one in MEMORY}}
+            environ = {**os.environ, "MALLOC_ARENA_MAX": "2"}  # as in its pod
             self.process = subprocess.Popen(self.words, stdout=log, stderr=log, env=environ)
         self.until_connected(before + 1)
 

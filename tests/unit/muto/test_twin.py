@@ -23,8 +23,8 @@ from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
 from rigel_muto import ditto as http
 from rigel_muto.ditto import Access
+from rigel_muto.opening import Twin
 from rigel_muto.remarks import NotFound, Unreadable
-from rigel_muto.twin import Twin
 from tests.support.http_server import Exchange, HttpServer, serving
 
 SECRET = "s3cret"

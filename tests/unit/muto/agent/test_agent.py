@@ -20,7 +20,6 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.address import Login
 from rigel_muto.agent.allowance import Allowance
-from rigel_muto.agent.manifests import PROBE
 from rigel_muto.execution import serving
 from rigel_muto.execution.serving import read_login, serve_health
 from tests.support.controllers import running as running_pod
@@ -188,7 +187,7 @@ def test_kubernetes_learns_why_the_broker_is_not_heard() -> None:
     trouble, port = "no connection to mqtt://broker:1883: Not authorized", find_port()
 
     def probe() -> tuple[int, str]:
-        words = [sys.executable, *PROBE[1:], str(port)]
+        words = [sys.executable, "-m", "rigel_muto.agent.probe", str(port)]
         done = subprocess.run(words, capture_output=True, text=True, timeout=120)
         assert done.stderr == ""
         return done.returncode, done.stdout

@@ -157,10 +157,11 @@ class Gate:
             before = self.state.registry.api_of(one.node)
             lives = False
             if before not in (None, one.api):
-                lives, there = await asyncio.gather(
-                    self._nodes.lives(str(before)), self._nodes.find(one.api)
+                there, own = await asyncio.gather(
+                    self._nodes.find(str(before)), self._nodes.find(one.api)
                 )
-                if there is False:  # its call has waited, for the master perhaps
+                lives = there is True
+                if own is False:  # its call has waited, for the master perhaps
                     return fault(f"{one.node} at {one.api} has ended")
             async with self._context.turn:
                 if self.state.registry.api_of(one.node) != before:

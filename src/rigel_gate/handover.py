@@ -81,20 +81,13 @@ def list_heard(state: State, topic: str, api: str) -> list[str]:
 
     A newcomer receives only the other ends of its bonds.
     """
-    newcomer = find_waiting(state, api)
-    if newcomer is None:
+    newcomer = next((one for one in state.newcomers.values() if one.api == api), None)
+    if newcomer is None or state.registry.api_of(newcomer.name) == api:
         return [one.api for one in state.registry.find(PUBLISHER, topic)]
     if not has_bond(newcomer, topic):
         return []
     ends = [one.registrations.get((PUBLISHER, topic)) for one in state.newcomers_at(newcomer.host)]
     return [one.api for one in ends if one]
-
-
-def find_waiting(state: State, api: str) -> Newcomer | None:
-    """Return the newcomer at a URI, None for a node that has its name."""
-    newcomer = next((one for one in state.newcomers.values() if one.api == api), None)
-    has_name = newcomer is not None and state.registry.api_of(newcomer.name) == api
-    return None if has_name else newcomer
 
 
 def has_bond(newcomer: Newcomer, topic: str) -> bool:
@@ -123,12 +116,6 @@ def are_rivals(state: State, node: str, host: str, other: str) -> bool:
     """
     names = {node, *(newcomer.name for newcomer in state.newcomers_at(host))}
     owners = {host_of(state.registry.api_of(name) or "") for name in names}
-    replicas = are_replicas(state.pods.get(host), state.pods.get(other))
-    return host != other and (other in owners or replicas)
-
-
-def are_replicas(one: GatePod | None, other: GatePod | None) -> bool:
-    """Return whether two different pods are known to belong to one workload."""
-    if one is None or other is None:
-        return False
-    return one.workload == other.workload and one.host != other.host
+    one, two = state.pods.get(host), state.pods.get(other)
+    are_replicas = one is not None and two is not None and one.workload == two.workload
+    return host != other and (other in owners or are_replicas)

@@ -43,10 +43,6 @@ class Nodes:
 
     # -- whether they are there --
 
-    async def lives(self, api: str) -> bool:
-        """Return whether a node's address takes connections."""
-        return await self.find(api) is True
-
     async def find(self, api: str) -> bool | None:
         """Return whether a node is at its address; None: its machine cannot be reached."""
         try:

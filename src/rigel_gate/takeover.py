@@ -139,7 +139,7 @@ class TakeOver:
         heir = self._choose_heir(name)
         if heir is None:
             return
-        free = owner is None or owner == heir.api or not await self._nodes.lives(owner)
+        free = owner is None or owner == heir.api or await self._nodes.find(owner) is not True
         if not free and host_of(str(owner)) in self._state.leaving:
             free = self._is_quiet(heir)
         if free:
@@ -163,17 +163,14 @@ class TakeOver:
                 return
             async with self._master.handing_over():
                 if owner not in (None, api):
-                    await self._stop_owner(name, str(owner))
+                    self._context.lapsing = list_removals(self._state, name)
+                    try:
+                        await self._nodes.stop(str(owner))
+                    finally:
+                        self._context.lapsing = frozenset()
                 await self._register_all(newcomer)
             self._context.note("dismiss", name, api)
         self._context.log(f"{name} at {api} has taken over")
-
-    async def _stop_owner(self, name: str, api: str) -> None:
-        self._context.lapsing = list_removals(self._state, name)
-        try:
-            await self._nodes.stop(api)
-        finally:
-            self._context.lapsing = frozenset()
 
     async def _register_all(self, newcomer: Newcomer) -> None:
         """Register all that a newcomer has, and send it the master's answers."""

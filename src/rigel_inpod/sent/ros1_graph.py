@@ -12,8 +12,8 @@ import json
 import os
 import socket
 import sys
-import threading
 import time
+from multiprocessing.pool import ThreadPool
 
 import rosrpc
 
@@ -50,22 +50,7 @@ def find_node(master, name):
 def ask_nodes(places):
     """Return each node's answers, many requested at the same time."""
     found = [{"name": name, "uri": uri} for name, uri in places]
-    left, lock = list(found), threading.Lock()
-
-    def work():
-        while True:
-            with lock:
-                if not left:
-                    return
-                node = left.pop()
-            ask_node(node)
-
-    threads = [threading.Thread(target=work) for _ in range(min(MOST_THREADS, len(found)))]
-    for thread in threads:
-        thread.daemon = True
-        thread.start()
-    for thread in threads:
-        thread.join()
+    ThreadPool(min(MOST_THREADS, len(found)) or 1).map(ask_node, found)
     return found
 
 

@@ -13,21 +13,20 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import is_default_class
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.checks import check
-from rigel_k8s.observability.installation import api_servers, find_namespace, gives_storage
 from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards, Stack
-from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.pinning import pin
 from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
-
-NAMESPACE = "monitoring"
 
 
 @attrs.frozen
@@ -90,3 +89,29 @@ def _options(merged: Mapping[str, Any]) -> ObservabilityOptions:
             hint="several applications share one stack, so their options are merged: change them",
             details=list(map(str, error.problems)),
         ) from error
+
+
+def gives_storage(cluster: Cluster) -> bool:
+    """Return whether a claim that names no StorageClass gets a volume."""
+    classes = cluster.list("storage.k8s.io/v1", "StorageClass")
+    return any(is_default_class(one) for one in classes)
+
+
+def api_servers(cluster: Cluster) -> tuple[str, ...]:
+    """Return the addresses that the API servers' connections to pods come from.
+
+    On the way to another machine, a tunnel may replace the address by its own: flannel uses the
+    first one of the machine's pods.
+    """
+    slices = cluster.list(
+        "discovery.k8s.io/v1",
+        "EndpointSlice",
+        "default",
+        labels={"kubernetes.io/service-name": "kubernetes"},
+    )
+    found = {address for one in slices for end in one["endpoints"] for address in end["addresses"]}
+    for node in cluster.nodes():
+        own = {entry["address"] for entry in node.get("status", {}).get("addresses", [])}
+        if found & own and (range_ := node["spec"].get("podCIDR")):
+            found = found | {str(range_).partition("/")[0]}
+    return tuple(sorted(found))

@@ -6,8 +6,11 @@ docs/observability.md. A changed name is a changed contract: people have dashboa
 
 from __future__ import annotations
 
-#: The stack's release; its namespace is the option's.
+#: The stack's release.
 RELEASE = "rigel-observability"
+#: Where it is unless an option says otherwise, and where to look for it without the right to list
+#: all namespaces.
+NAMESPACE = "monitoring"
 #: On all pods that watch ROS but are not ROS nodes.
 COMPONENT = {"app.kubernetes.io/component": "observability"}
 

@@ -9,12 +9,11 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.desired import NAMESPACE
-from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR
 from rigel_k8s.observability.manifests.promtail import PROMTAIL
-from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.observability.password import administrator_ref
+from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId

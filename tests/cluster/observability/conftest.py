@@ -15,7 +15,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.installation import find_namespace
+from rigel_k8s.observability.reading.stack import find_namespace
 from tests.support import until as waiting
 
 from ...support import shared

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.installation import find_namespace
+from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.removal import remove as remove_stack
 from rigel_k8s.release.types import DeployOptions
 from tests.support.recorder import Recorder

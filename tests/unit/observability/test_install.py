@@ -18,16 +18,21 @@ from rigel_k8s.observability import (
 from rigel_k8s.observability import (
     install as observability_install,
 )
-from rigel_k8s.observability.desired import desired_stack, render_stack
+from rigel_k8s.observability.desired import (
+    api_servers,
+    desired_stack,
+    gives_storage,
+    render_stack,
+)
 from rigel_k8s.observability.install import (
     find_missing_operator,
     requested_stack,
     stack_part,
     warn_of_lost_data,
 )
-from rigel_k8s.observability.installation import api_servers, find_namespace, gives_storage
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.password import ensure_administrator
+from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.request import request_of
 from rigel_k8s.release.together import deploy
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision

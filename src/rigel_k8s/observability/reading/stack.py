@@ -17,13 +17,11 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.observability.installation import find_namespace
-from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION
 from rigel_k8s.release.types import ReleaseId
 
-#: Where to look for the stack without the right to list the Services of all namespaces.
-USUAL = "monitoring"
 HINT = (
     "set `observability: {enabled: true}` in an orchestration job and run `rigel run`; if it is in"
     " a namespace that you may not list, pass -n NAMESPACE"
@@ -111,15 +109,7 @@ def parse_existing(cluster: Cluster, options: Mapping[str, Any]) -> StackService
     url = str(options["url"])
     if options.get("tenant") or options.get("secret"):
         raise NoStack(f"{url} needs a tenant or a password, which the API server does not pass on")
-    return parse_url(cluster, url)
-
-
-def parse_url(cluster: Cluster, url: str) -> StackService:
-    """Return the Service of a URL in the form that pods use: http://NAME.NAMESPACE:PORT.
-
-    Raises:
-        NoStack: it is not the URL of a Service.
-    """
+    # One that pods use: http://NAME.NAMESPACE:PORT.
     parts = urlsplit(url)
     words = (parts.hostname or "").split(".")
     if parts.scheme != "http" or len(words) < 2 or words[2:3] not in ([], ["svc"]):
@@ -131,6 +121,15 @@ def parse_url(cluster: Cluster, url: str) -> StackService:
         parts.port or 80,
         parts.path.strip("/") + "/" if parts.path.strip("/") else "",
     )
+
+
+def find_namespace(cluster: Cluster) -> str | None:
+    """Return the namespace of the cluster's stack, None if it has no stack."""
+    roles = cluster.list(
+        "rbac.authorization.k8s.io/v1", "ClusterRole", labels={RELEASE_LABEL: RELEASE}
+    )
+    notes = [role["metadata"].get("annotations") or {} for role in roles]
+    return min({one.get(NAMESPACE_ANNOTATION, "") for one in notes} - {""}, default=None)
 
 
 def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack:
@@ -166,7 +165,7 @@ def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
     except Forbidden:
         if namespace:
             raise
-    return cluster.list("v1", "Service", USUAL, labels=labels)
+    return cluster.list("v1", "Service", NAMESPACE, labels=labels)
 
 
 def explain(what: str, error: ClusterError | NoStack) -> str:

@@ -1,8 +1,6 @@
-"""The text of a Dockerfile for a ROS workspace; pure: it reads no file and runs nothing.
+"""The text of a Dockerfile for a ROS workspace: files/Dockerfile.jinja, filled in by a `Recipe`.
 
-The order of the layers is that of how often they change: packages, environment, the user's own
-commands, build tools, repositories of others, the dependencies that the package.xml files name, and
-last the application's sources. So an edit of a source file compiles and does nothing else.
+It reads no file of the workspace and runs nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +8,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
 
 import attrs
 
@@ -28,7 +27,6 @@ _COLCON_PARTS = (
     *("bash", "cmake", "defaults", "library-path", "metadata", "output"),
     *("package-selection", "parallel-executor", "recursive-crawl", "ros"),
 )
-_NO_RECOMMENDS = "/etc/apt/apt.conf.d/90rosdep"
 _NEEDS_SHELL = re.compile(r"""[$`&|;<>(){}*?!~#\n]|^\w+=""")
 
 
@@ -74,6 +72,11 @@ class Recipe:
         return self.compiler != "none" and bool(self.packages or self.rosinstall)
 
     @property
+    def python(self) -> str:
+        """The beginning of the names of Python packages in its system."""
+        return "python" if self.distro in _PYTHON2_DISTROS else "python3"
+
+    @property
     def home(self) -> str:
         """The user's home directory in the image."""
         return "/root" if self.username == "root" else f"/home/{self.username}"
@@ -102,15 +105,30 @@ class Recipe:
 
 def dockerfile(recipe: Recipe) -> str:
     """Return the Dockerfile's text, without the mark of its writer."""
-    blocks = [*_clones(recipe), f"FROM {recipe.base}\nUSER root\n", *_apt(recipe), *_env(recipe)]
-    blocks += [
-        *_render_own_commands(recipe),
-        *_user(recipe),
-        *_tools(recipe),
-        *_dependencies(recipe),
-    ]
-    blocks += [*_workspace(recipe), *_start(recipe)]
-    return "\n".join(blocks)
+    # It takes longer to import than all that a deploy without a build does here.
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined
+    )
+    filters = {"quote": shlex.quote, "env_value": _env_value, "run_value": _run_value}
+    environment.filters.update(filters)
+    text = (files(__package__) / "files" / "Dockerfile.jinja").read_text("utf-8")
+    debian, ubuntu = _list_tools(recipe)
+    owner = f"--chown={recipe.username}:{recipe.username} "
+    return environment.from_string(text).render(
+        recipe=recipe,
+        user=recipe.username,
+        workspace=recipe.workspace,
+        ros1=recipe.distro in ROS1,
+        owner="" if recipe.username == "root" else owner,
+        debian_tools=debian,
+        ubuntu_tools=ubuntu,
+        build=_build(recipe),
+        entrypoint_file=ENTRYPOINT_FILE,
+        command=json.dumps(list(exec_form(recipe.command) or ("bash",))),
+        paths=_quote_paths,
+    )
 
 
 def entrypoint(recipe: Recipe) -> str:
@@ -156,73 +174,20 @@ def _json_words(text: str) -> tuple[str, ...] | None:
     return tuple(words) if all(isinstance(word, str) for word in words) else None
 
 
-def _clones(recipe: Recipe) -> Iterator[str]:
-    if not recipe.rosinstall:
-        return
-    about = "Repositories of others, cloned in a stage of their own: git stays out of the image."
-    yield f"# {about}\nFROM {recipe.base} AS repositories\nUSER root\n"
-    vcs = _choose_by_system(["vcstool"], [f"{_python(recipe.distro)}-vcstool"])
-    yield _run(f"{vcs}{_install(['git', 'openssh-client', '$tools'])}")
-    yield "WORKDIR /repositories\n"
-    for number, file in enumerate(recipe.rosinstall):
-        copy = f"COPY {_quote_paths(file, f'{number}.rosinstall')}\n"
-        yield f"{copy}RUN mkdir -p src && vcs import src < {number}.rosinstall\n"
-
-
-def _apt(recipe: Recipe) -> Iterator[str]:
-    if recipe.apt:
-        yield _run(_install(map(shlex.quote, recipe.apt)))
-
-
-def _env(recipe: Recipe) -> Iterator[str]:
-    if recipe.env:
-        yield "".join(f"ENV {name}={_env_value(value)}\n" for name, value in recipe.env)
-
-
 def _env_value(value: str) -> str:
     # `$NAME` stays as it is, since docker expands it; `\$` too, which keeps docker from that.
     escaped = re.sub(r"\\(?!\$)", r"\\\\", value).replace('"', '\\"')
     return f'"{escaped}"'
 
 
-def _render_own_commands(recipe: Recipe) -> Iterator[str]:
-    if recipe.docker_run:
-        yield "".join(_render_run(command.strip()) for command in recipe.docker_run)
+def _run_value(command: str) -> str:
+    """Return what RUN gets of a command; one of several lines is a script."""
+    text = command.strip()
+    return json.dumps(["/bin/sh", "-ec", text]) if re.search(r"(?<!\\)\n", text) else text
 
 
-def _render_run(command: str) -> str:
-    if re.search(r"(?<!\\)\n", command):
-        return f"RUN {json.dumps(['/bin/sh', '-ec', command])}\n"
-    return f"RUN {command}\n"
-
-
-def _user(recipe: Recipe) -> Iterator[str]:
-    setup = "".join(f" \\\n        {shlex.quote(line)}" for line in recipe.setup)
-    steps = [f"mkdir -p {recipe.workspace}/src"]
-    if recipe.username != "root":
-        user = recipe.username
-        made = f"useradd --create-home --user-group --shell /bin/bash {user}"
-        steps.insert(0, f"{{ id -u {user} >/dev/null 2>&1 || {made}; }}")
-        steps.append(f"chown -R {user}: {recipe.workspace}")
-    # Kubernetes may run the image as any user, and Ubuntu closes homes to others.
-    steps.append(f"chmod a+rx {recipe.home}")
-    steps.append(f"printf '%s\\n'{setup} \\\n        >> /etc/bash.bashrc")
-    about = "Interactive shells (kubectl exec -it POD -- bash) know ROS as well."
-    yield f"# {about}\n{_run(_chain(steps))}"
-
-
-def _tools(recipe: Recipe) -> Iterator[str]:
-    if not recipe.builds:
-        return
-    tools = [_install_by_system(recipe)]
-    if recipe.distro in ROS1:
-        # Debian's catkin would set ROS_DISTRO=Debian, and fail where it has another value.
-        tools.append("rm -f /etc/catkin/profile.d/1.ros_distro.sh")
-    about = "What builds the workspace; Debian and packages.ros.org name it differently."
-    yield f"# {about}\n{_run(_chain(tools))}"
-
-
-def _install_by_system(recipe: Recipe) -> str:
+def _list_tools(recipe: Recipe) -> tuple[list[str], list[str]]:
+    """Return the packages that build the workspace, by Debian's names and by packages.ros.org's."""
     debian, ubuntu = [], []
     if recipe.distro in ROS1:
         debian.append("catkin")
@@ -233,99 +198,19 @@ def _install_by_system(recipe: Recipe) -> str:
         ubuntu.append("python3-colcon-common-extensions")
     if recipe.rosdep:
         debian.append("python3-rosdep2")
-        ubuntu.append(f"{_python(recipe.distro)}-rosdep")
-    install = _install(["build-essential", "cmake", "$tools"])
-    return f"{_choose_by_system(debian, ubuntu)}{install}"
+        ubuntu.append(f"{recipe.python}-rosdep")
+    return debian, ubuntu
 
 
-def _dependencies(recipe: Recipe) -> Iterator[str]:
-    if recipe.rosinstall:
-        yield f"COPY --from=repositories {_owner(recipe)}/repositories/src {recipe.workspace}/src\n"
-    if not (recipe.builds and recipe.rosdep):
-        return
-    manifests = [_locate_manifest(package) for package in sorted(recipe.packages)]
-    copies = (
-        f"COPY {_owner(recipe)}{_quote_paths(path, f'{recipe.sources}/{path}')}\n"
-        for path in manifests
-    )
-    about = "Only the package.xml files, so that this layer outlives an edit of the sources."
-    yield f"# {about}\n{''.join(copies)}{_run(_rosdep(recipe))}"
-
-
-def _locate_manifest(package: str) -> str:
-    return "package.xml" if package == "." else f"{package}/package.xml"
-
-
-def _rosdep(recipe: Recipe) -> str:
-    distro = recipe.distro
-    return _chain(
-        [
-            "{ [ -e /etc/ros/rosdep/sources.list.d/20-default.list ] || rosdep init; }",
-            f"rosdep update --rosdistro {distro} --include-eol-distros",
-            f"echo 'APT::Install-Recommends false;' > {_NO_RECOMMENDS}",
-            "apt-get update",
-            f"DEBIAN_FRONTEND=noninteractive rosdep install --rosdistro {distro} \\\n"
-            f"        --from-paths {recipe.workspace}/src --ignore-src -r -y",
-            f"rm -rf /var/lib/apt/lists/* /root/.ros/rosdep {_NO_RECOMMENDS}",
-        ]
-    )
-
-
-def _workspace(recipe: Recipe) -> Iterator[str]:
-    yield f"COPY {_owner(recipe)}{_quote_paths('.', f'{recipe.sources}/')}\n"
-    if recipe.username != "root":
-        yield f"USER {recipe.username}\n"
-    yield f"WORKDIR {recipe.workspace if recipe.builds else recipe.sources}\n"
-    if recipe.builds:
-        made = f"source /opt/ros/{recipe.distro}/setup.bash && {_make(recipe)}"
-        yield _run(f"bash -c {shlex.quote(made)}")
-
-
-def _make(recipe: Recipe) -> str:
+def _build(recipe: Recipe) -> str:
+    """Return the command that builds the workspace."""
     program = "colcon build" if recipe.compiler == "colcon" else "catkin_make"
     given = [
         shlex.quote(f"{name if name.startswith('-') else f'-D{name}'}={value}")
         for name, value in recipe.cmake_args.items()
     ]
-    return " ".join([program, *(["--cmake-args", *given] if given else [])])
-
-
-def _start(recipe: Recipe) -> Iterator[str]:
-    script = f"{recipe.home}/robot-entrypoint.sh"
-    yield f"COPY {ENTRYPOINT_FILE} {script}\n"
-    # CMD is repeated: setting ENTRYPOINT drops the base image's CMD.
-    command = exec_form(recipe.command) or ("bash",)
-    yield f"ENTRYPOINT {json.dumps(['/bin/bash', script])}\nCMD {json.dumps(list(command))}\n"
-
-
-def _owner(recipe: Recipe) -> str:
-    return "" if recipe.username == "root" else f"--chown={recipe.username}:{recipe.username} "
-
-
-def _python(distro: str) -> str:
-    return "python" if distro in _PYTHON2_DISTROS else "python3"
-
-
-def _choose_by_system(debian: Iterable[str], ubuntu: Iterable[str]) -> str:
-    cases = f"""case "$ID" in \\
-        debian) tools="{" ".join(debian)}" ;; \\
-        *) tools="{" ".join(ubuntu)}" ;; \\
-    esac"""
-    return f". /etc/os-release \\\n    && {cases} \\\n    && "
-
-
-def _install(packages: Iterable[str]) -> str:
-    install = "DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends"
-    listed = "".join(f" \\\n        {package}" for package in packages)
-    return _chain(["apt-get update", f"{install}{listed}", "rm -rf /var/lib/apt/lists/*"])
-
-
-def _chain(steps: Iterable[str]) -> str:
-    return " \\\n    && ".join(steps)
-
-
-def _run(command: str) -> str:
-    return f"RUN {command}\n"
+    words = [program, *(["--cmake-args", *given] if given else [])]
+    return f"source /opt/ros/{recipe.distro}/setup.bash && {' '.join(words)}"
 
 
 def _quote_paths(*paths: str) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.placing import remote_selector
+from collections.abc import Mapping
+
+from rigel_k8s.app.options import Distributed, NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.podoptions import Placement
 from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
 
 APP_CONTAINER = "ros-app"
+#: The label of remote machines, as in src.plugin.
+REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
 
 
 def has_application(options: OrchestrationOptions) -> bool:
@@ -35,3 +38,9 @@ def replaces_container(options: OrchestrationOptions) -> bool:
     """Return whether the pod has only the user's containers: no image, and none called ros-app."""
     names = [c.get("name") for c in containers_of(options.additional_k8s_params.application)]
     return bool(names) and APP_CONTAINER not in names and options.application_image is None
+
+
+def remote_selector(distributed: Distributed) -> dict[str, str]:
+    """Return the labels of the application's machine."""
+    remote = distributed.enabled and distributed.default_to_remote
+    return dict(REMOTE) if remote and not distributed.force_local_flag else {}

@@ -11,15 +11,15 @@ from rigel_k8s.app.application import (
     APP_CONTAINER,
     application_options,
     has_application,
+    remote_selector,
     replaces_container,
 )
 from rigel_k8s.app.networkpolicy import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
-from rigel_k8s.app.placing import remote_selector
 from rigel_k8s.app.security import restrict
-from rigel_k8s.app.storage import storage
+from rigel_k8s.app.volumes import storage
 from rigel_k8s.generation import Companion, Generation, Texts, generation_of
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan

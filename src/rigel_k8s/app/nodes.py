@@ -12,24 +12,25 @@ import attrs
 from rigel_k8s.app.components import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
 from rigel_k8s.app.lifecycle import list_variables, make_transitions
-from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.placing import affinity
 from rigel_k8s.app.programs import Command, full_name, put_start_before, wrap
 from rigel_k8s.app.updating import Way, choose_way
+from rigel_k8s.app.volumes import device_resources, mounts
 from rigel_k8s.generation import Generation
 from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.naming import (
+    HOSTNAME,
     NODE_ANNOTATION,
     ROS_ANNOTATION,
     ROS_NAME_ANNOTATION,
     object_name,
+    selector,
 )
 from rigel_k8s.objects.overlay import merge, simplify
-from rigel_k8s.objects.podoptions import PortOptions, Volume
+from rigel_k8s.objects.podoptions import Placement, PortOptions, Volume
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
     Object,
@@ -276,6 +277,17 @@ def grace_seconds(options: NodeOptions) -> int | None:
     """Return how long the pod may take to end, None for Kubernetes' 30 s."""
     grace = options.termination_grace_period
     return None if grace is None else max(1, round(grace.seconds))
+
+
+def affinity(placement: Placement) -> Object:
+    """Return what keeps a pod off the machines of other pods."""
+    terms = [
+        {"labelSelector": {"matchLabels": selector(object_name(key))}, "topologyKey": HOSTNAME}
+        for key in placement.apart_from
+    ]
+    if not terms:
+        return {}
+    return {"podAntiAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": terms}}
 
 
 def ros_namespace(node: RosNode) -> str | None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
 
-from rigel_k8s.app.mounts import device_of, mount_of
+from rigel_k8s.app.volumes import device_of, mount_of
 from rigel_k8s.generation import GENERATIONS, Generation
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of

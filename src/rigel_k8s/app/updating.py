@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.volumes import device_of, mount_of
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.raw import list_mappings, mapping, pod_of

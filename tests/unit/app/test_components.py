@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.app.desired import Parts, graph_of
-from rigel_k8s.app.generations.ros1.components import resolve
+from rigel_k8s.app.generations.ros1.commands import resolve
 from rigel_k8s.generation import GENERATIONS, Texts
 from rigel_k8s.objects.workloads import ReleaseContext
 

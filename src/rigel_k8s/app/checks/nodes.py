@@ -15,10 +15,10 @@ from rigel_k8s.app.checks.commands import (
 )
 from rigel_k8s.app.components import check_components
 from rigel_k8s.app.lifecycle import check_lifecycle
-from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, find_program, full_name
 from rigel_k8s.app.updating import find_clash, is_rolling
+from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.generation import Generation
 from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.raw import pod_of

@@ -1,16 +1,63 @@
-"""DDS without ROS: programs that find each other by DDS, without ROS' names and arguments."""
+"""DDS without ROS: programs that find each other by DDS, without ROS' names and arguments.
+
+What ROS 2 shares with it is here, too: there is no master, and the graph is read from discovery.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from rigel_k8s.app.generations import masterless
-from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.parameters import list_global_keys
 from rigel_k8s.app.programs import Command
 from rigel_k8s.app.updating import recreate
 from rigel_k8s.generation import Generation
-from rigel_k8s.network.modes import ready_words
+from rigel_k8s.network.modes import mode_of, ready_words
 from rigel_k8s.objects.text import split_words
+from rigel_k8s.problems import Problem
+
+if TYPE_CHECKING:
+    from rigel_k8s.discovery.members import Member
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.rosgraph.pods import GraphPod
+    from rigel_k8s.rosgraph.types import RosGraph
+
+ZENOH = (
+    "ros_metrics: the exporter supports DDS but not zenoh, so this application has no metrics of"
+    " its ROS graph; set `ros_metrics: false` to turn this warning off"
+)
+
+
+def check_masterless(options: OrchestrationOptions, title: str) -> Iterator[Problem]:
+    """Yield options for a master in an application without one."""
+    requested = {
+        ("deploy_ros_master",): options.deploy_ros_master,
+        ("ros_master_uri",): options.ros_master_uri,
+        ("ros_master_image",): options.ros_master_image,
+        ("ros_master_placement",): options.ros_master_placement.node_selector,
+        ("additional_k8s_params", "ros_master"): options.additional_k8s_params.ros_master,
+    }
+    for path, value in requested.items():
+        if value:
+            message = f"{title} has no master: remove it; nodes find each other by `network`"
+            yield Problem(path, message, "no-master-in-ros2", at_key=True)
+    for key in list_global_keys(options):
+        message = f"{title} has no global parameters: write them as {key} of the nodes"
+        yield Problem((key,), message, "no-global-parameters", at_key=True)
+
+
+def explain_unseen(options: OrchestrationOptions) -> str | None:
+    """Return why an exporter would see nothing: the discovery of zenoh cannot be read."""
+    middleware = options.middleware or mode_of(options.network).middleware
+    return ZENOH if middleware == "zenoh" else None
+
+
+def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
+    """Return the graph of the domain."""
+    from rigel_k8s.rosgraph.dds import read
+
+    return read(cluster, pods, members)
 
 
 def program(node: NodeOptions) -> list[str]:
@@ -36,7 +83,7 @@ DDS = Generation(
     find_obstacle=lambda *_: None,
     choose_way=recreate,
     refuse_hand_over=lambda *_: "it has no ROS: use Recreate or Rolling",
-    check=lambda options: masterless.check(options, "a plain DDS application"),
-    explain_unseen=masterless.explain_unseen,
-    read_graph=masterless.read_graph,
+    check=lambda options: check_masterless(options, "a plain DDS application"),
+    explain_unseen=explain_unseen,
+    read_graph=read_graph,
 )

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from rigel_k8s.app.components import check_values, dotted
-from rigel_k8s.app.generations import masterless
+from rigel_k8s.app.generations.dds import check_masterless, explain_unseen, read_graph
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
@@ -340,11 +340,11 @@ ROS2 = Generation(
     ),
     find_obstacle=find_own_obstacle,
     choose_way=choose_way,
-    check=lambda options: masterless.check(options, "ROS 2"),
+    check=lambda options: check_masterless(options, "ROS 2"),
     check_parameters=check_parameters,
     explain_unreadable=explain_unreadable,
-    explain_unseen=masterless.explain_unseen,
-    read_graph=masterless.read_graph,
+    explain_unseen=explain_unseen,
+    read_graph=read_graph,
     starter={
         "status": "what runs where, who has discovered whom, and what is wrong",
         "distro": "lyrical",

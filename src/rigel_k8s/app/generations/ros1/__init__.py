@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 
 import attrs
 
-from rigel_k8s.app.generations.ros1 import checks, commands, updating
+from rigel_k8s.app.generations.ros1 import checks, commands
 from rigel_k8s.app.generations.ros1.binding import bind_to_master, bind_to_parameters
-from rigel_k8s.app.generations.ros1.components import NODELETS
 from rigel_k8s.app.generations.ros1.gate import has_gate, remedies_of
 from rigel_k8s.app.generations.ros1.globalparameters import setter_of
 from rigel_k8s.app.generations.ros1.master import deploys_master, image_of, master_of, master_uri
-from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import list_global_keys
+from rigel_k8s.app.updating import Way, find_obstacle, has_variable
 from rigel_k8s.generation import Companion, Generation, Object
+from rigel_k8s.network.options import Network
+from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.workloads import ReleaseContext
 
@@ -30,6 +33,9 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.handover import GateStatus
     from rigel_k8s.rosgraph.pods import GraphPod
     from rigel_k8s.rosgraph.types import RosGraph
+
+#: The ROS_MASTER_URI of pods whose nodes hand over their names: the gate recognises its port.
+GATE_URI = f"http://{MASTER_NAME}:{GATE_PORT}"
 
 
 def variables(release: ReleaseContext, namespace: str | None, address: str) -> dict[str, Object]:
@@ -59,6 +65,45 @@ def companions(options: OrchestrationOptions, distro: str) -> list[Companion]:
     if list_global_keys(options):
         found.append(setter_of(options, image_of(options, distro)))
     return found
+
+
+def find_own_obstacle(
+    node: NodeOptions,
+    volumes: Mapping[str, Volume],
+    network: Network | None,
+    middleware: str | None,
+) -> str | None:
+    """Return why two pods of a node cannot run side by side, or the gate cannot manage them."""
+    static = network is not None and network.ipam == "static"
+    obstacle = find_obstacle(node, volumes, (None, "ros"))
+    if static or has_variable(node, "ROS_MASTER_URI"):
+        return obstacle or "it has a ROS_MASTER_URI of its own"
+    return obstacle
+
+
+def choose_way(
+    release: ReleaseContext,
+    workload: str,
+    ros_name: str | None,
+    update: RollingUpdate,
+    obstacle: str | None,
+) -> Way:
+    """Return HandOver where the gate can do it."""
+    if not release.gate:
+        return Way("Recreate", "roscore has no gate", update)
+    if obstacle:
+        return Way("Recreate", obstacle, update)
+    env = {
+        "ROS_MASTER_URI": {"value": GATE_URI},
+        "RIGEL_K8S_WORKLOAD": {"value": workload},
+    }
+    return Way("HandOver", "", update, env)
+
+
+def refuse_hand_over(options: OrchestrationOptions, distro: str) -> str | None:
+    """Return why no node of a job can be handed over."""
+    gate = deploys_master(options) and has_gate(options, distro)
+    return None if gate else "roscore has no gate, see `gate`"
 
 
 def read_program() -> Mapping[str, str]:
@@ -101,10 +146,10 @@ ROS1 = Generation(
     command_of=commands.command_of,
     variables=variables,
     probe=lambda plan: ("node",),
-    components=NODELETS,
-    find_obstacle=updating.find_own_obstacle,
-    choose_way=updating.choose_way,
-    refuse_hand_over=updating.refuse_hand_over,
+    components=commands.NODELETS,
+    find_obstacle=find_own_obstacle,
+    choose_way=choose_way,
+    refuse_hand_over=refuse_hand_over,
     check=checks.check,
     check_parameters=checks.check_names,
     explain_unreadable=checks.explain_unreadable,

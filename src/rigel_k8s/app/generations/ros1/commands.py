@@ -1,4 +1,5 @@
-"""What a ROS 1 container runs: a program with ROS' own arguments, rosrun, roslaunch; parameters.
+"""What a ROS 1 container runs: a program with ROS' own arguments, rosrun, roslaunch; its
+parameters, and nodelets: components that a node's manager loads.
 
 An image's ENTRYPOINT sets up ROS, so what runs is in `args` unless the user wrote `command`.
 """
@@ -11,13 +12,16 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.components import check_values
+from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, flat, list_local, tree
 from rigel_k8s.app.programs import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.starting import begin, list_steps, needs_script, split, write_values
+from rigel_k8s.generation import Loading
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
+from rigel_k8s.problems import Problem
 
 #: What loads nodelets if a node has components and no program.
 MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
@@ -143,3 +147,39 @@ def parameter_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, st
     elif node.parameters:
         found["99-parameters.yaml"] = yaml.safe_dump(tree(node.parameters), sort_keys=True)
     return found
+
+
+def describe_nodelet(key: str, component: Component) -> dict[str, Any]:
+    """Return a nodelet for nodelets.py: full names, nested parameters."""
+    name = component.full_name(key)
+    namespace = name.rpartition("/")[0]
+    return {
+        "name": name,
+        "plugin": component.plugin,
+        "parameters": tree(component.parameters),
+        "remappings": {
+            resolve(str(one), name, namespace): resolve(str(other), name, namespace)
+            for one, other in component.remappings.items()
+        },
+    }
+
+
+def resolve(name: str, node: str, namespace: str) -> str:
+    """Return the full name of a ROS name in a node."""
+    if name.startswith("/"):
+        return name
+    return f"{node}/{name[1:].lstrip('/')}" if name.startswith("~") else f"{namespace}/{name}"
+
+
+def check_nodelet(component: Component) -> Iterator[Problem]:
+    """Yield options that a nodelet does not have."""
+    for name in ("package", "extra_arguments"):
+        if getattr(component, name):
+            message = f"a nodelet has no {name}: write its plugin as PACKAGE/CLASS"
+            yield Problem((name,), message, "not-ros1", at_key=True)
+    yield from check_values(component)
+
+
+NODELETS = Loading(
+    script="nodelets.py", describe=describe_nodelet, check=check_nodelet, are_nodes=False
+)

@@ -1,11 +1,14 @@
-"""What a node sees of volumes and devices."""
+"""Volumes and devices: what a node sees of them, and the objects of persistent ones.
+
+A persistent volume is a claim, and a static volume too if it is on a directory of a machine.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.app.storage import mount_path, volume_source
+from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
 from rigel_k8s.objects.pods import Object, drop_empty
 from rigel_k8s.objects.scalars import MountPath, ObjectName
@@ -77,3 +80,70 @@ def device_resources(devices: Sequence[MountPath | Device]) -> dict[str, str]:
     """Return the limits that request devices from device plugins."""
     asked = map(device_of, devices)
     return {str(d.resource): str(int(d.count)) for d in asked if d.resource}
+
+
+def mount_path(volume: Volume) -> str:
+    """Return where a volume is mounted by default."""
+    return str(volume.mount_path or f"/persistent/{volume.name}")
+
+
+def volume_source(volume: Volume) -> Object:
+    """Return a pod's volume."""
+    return {
+        "name": str(volume.name),
+        "persistentVolumeClaim": {"claimName": f"{volume.name}-pvc"},
+    }
+
+
+def storage(
+    volumes: Sequence[Volume], namespace: str, release: str
+) -> Iterator[tuple[int, Object]]:
+    """Yield the objects of all volumes, each with its volume's index."""
+    for index, volume in enumerate(volumes):
+        if volume.host_path:
+            yield index, static_volume(volume, release)
+        yield index, claim(volume, namespace, release)
+
+
+def storage_class(volume: Volume) -> str | None:
+    """Return the class: "" for a static volume, or its claim would get the default one."""
+    if volume.storage_class is not None:
+        return volume.storage_class
+    return "" if volume.host_path else None
+
+
+def claim(volume: Volume, namespace: str, release: str) -> Object:
+    """Return a volume's claim."""
+    spec = {
+        "accessModes": [volume.access_mode],
+        "resources": {"requests": {"storage": str(volume.size)}},
+        "volumeName": f"{volume.name}-pv" if volume.host_path else None,
+        "storageClassName": storage_class(volume),
+    }
+    return {
+        "apiVersion": "v1",
+        "kind": "PersistentVolumeClaim",
+        "metadata": {
+            "name": f"{volume.name}-pvc",
+            "namespace": namespace,
+            "labels": labels(volume.name, release),
+        },
+        "spec": drop_empty(spec),
+    }
+
+
+def static_volume(volume: Volume, release: str) -> Object:
+    """Return the cluster-wide volume on a machine's directory; its data is never deleted."""
+    spec = {
+        "capacity": {"storage": str(volume.size)},
+        "accessModes": [volume.access_mode],
+        "hostPath": {"path": str(volume.host_path), "type": "DirectoryOrCreate"},
+        "persistentVolumeReclaimPolicy": "Retain",
+        "storageClassName": storage_class(volume),
+    }
+    return {
+        "apiVersion": "v1",
+        "kind": "PersistentVolume",
+        "metadata": {"name": f"{volume.name}-pv", "labels": labels(volume.name, release)},
+        "spec": drop_empty(spec),
+    }

@@ -1,99 +1,73 @@
-"""What a cluster offers on request: images under their upstream names, for nodes to pull.
-
-None of it is installed here. An image has the programs, paths and start of upstream's image of that
-name, so that upstream's manifests run unchanged; its shell and tools are busybox. The images of an
-observability stack are in `observability_images`.
-"""
+"""What a cluster offers on request: the images of extras.yaml, under their upstream names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from rigel_lab.cluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
-from rigel_lab.cluster.observability_images import OBSERVABILITY_IMAGES, OPERATOR_IMAGES
+import yaml
+
+from rigel_lab.cluster.commands import run
+from rigel_lab.cluster.components import ON_REQUEST, Components
 from rigel_lab.cluster.oci import Image
-from rigel_lab.cluster.upstream import find_program, shell, shorten_name, text, tools, users
 
-ORGANISATION = "ghcr.io/k8snetworkplumbingwg"
-MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"
-WHEREABOUTS_IMAGE = f"{ORGANISATION}/whereabouts:v{WHEREABOUTS.version}"
-#: The project of the standard CNI programs has no image; k3s' documentation uses this one.
-PLUGINS_IMAGE = f"docker.io/rancher/hardened-cni-plugins:v{PLUGINS.version}-build20260608"
+#: What `--with` can request: its images by a short name, each as the file describes it.
+EXTRAS: Mapping[str, Mapping[str, Mapping[str, Any]]] = yaml.safe_load(
+    Path(__file__).with_name("extras.yaml").read_text("utf-8")
+)
+#: Short names -> the names under which nodes pull the images.
+IMAGES = {name: spec["image"] for extra in EXTRAS.values() for name, spec in extra.items()}
 
 
 def list_offered(extras: Iterable[str]) -> list[str]:
     """Return the names under which nodes pull the requested images."""
-    return [name for extra in extras for name in EXTRAS[extra]]
+    return [spec["image"] for extra in extras for spec in EXTRAS[extra].values()]
 
 
 def extra_images(components: Components, extras: Iterable[str]) -> list[Image]:
     """Return the requested images."""
-    return [make(components) for extra in extras for make in EXTRAS[extra].values()]
+    return [
+        make_image(components, extra, spec) for extra in extras for spec in EXTRAS[extra].values()
+    ]
 
 
-def multus(components: Components) -> Image:
-    """Return Multus' image, the thick one.
-
-    Of upstream's only what certificates of the thin plugin need is left out.
-    """
-    programs = "usr/src/multus-cni/bin"
-    return image(
-        components,
-        MULTUS_IMAGE,
-        {f"{programs}/{name}": find_program(components, name) for name in MULTUS.program_names}
-        | {"usr/src/multus-cni/LICENSE": text(components, "multus-license")},
-        entrypoint=[f"/{programs}/multus-daemon"],
-    )
-
-
-def whereabouts(components: Components) -> Image:
-    """Return whereabouts' image; its scripts are those of its module."""
-    names = [*WHEREABOUTS.program_names, "install-cni.sh", "lib.sh", "token-watcher.sh"]
-    return image(
-        components,
-        WHEREABOUTS_IMAGE,
-        {name: find_program(components, name) for name in names}
-        | {"LICENSE": text(components, "whereabouts-license")},
-        command=["/install-cni.sh"],
-    )
-
-
-def plugins(components: Components) -> Image:
-    """Return an image of the standard CNI programs, without Rancher's `flannel` and `bond`."""
-    script = Path(__file__).with_name("install-cnis.sh")
-    return image(
-        components,
-        PLUGINS_IMAGE,
-        {f"opt/cni/bin/{name}": find_program(components, name) for name in PLUGINS.program_names}
-        | {"install-cnis.sh": script, "LICENSE": text(components, "cni-plugins-license")},
-        entrypoint=["/install-cnis.sh"],
-    )
-
-
-def image(
-    components: Components, name: str, files: Mapping[str, Path | str], **start: Sequence[str]
-) -> Image:
-    """Return an image with a shell and its tools, for a name of upstream's."""
+def make_image(components: Components, extra: str, spec: Mapping[str, Any]) -> Image:
+    """Return an image as the file describes it."""
+    programs = dict(spec.get("programs", {}))
+    for build in ON_REQUEST[extra]:
+        if build.name == spec.get("build"):
+            programs.update({f"{spec['into']}{name}": name for name in build.program_names})
+    links = dict(spec.get("links", {}))
+    if spec.get("shell"):
+        programs["bin/busybox"] = "busybox"
+        listed = run([components.program("busybox"), "--list"]).split()
+        links.update({f"bin/{tool}": "busybox" for tool in listed if tool != "busybox"})
+    files: dict[str, Path | str] = {
+        path: Path(components.program(name)) for path, name in programs.items()
+    }
+    for path, name in spec.get("texts", {}).items():
+        files[path] = Path(components.program(name)).read_text()
+    for path, name in spec.get("scripts", {}).items():
+        files[path] = Path(__file__).with_name(name)
+    if "users" in spec:
+        users = spec["users"].items()
+        accounts = [f"{name}:x:{number}:{number}::/:/sbin/nologin\n" for name, number in users]
+        groups = [f"{name}:x:{number}:\n" for name, number in users]
+        files["etc/passwd"] = "".join(["root:x:0:0:root:/root:/bin/sh\n", *accounts])
+        files["etc/group"] = "".join(["root:x:0:\n", *groups])
     return Image(
-        shorten_name(name),
-        # Without its user Multus' daemon ends with a nil pointer.
-        {**users(), **shell(components), **files},
-        start.get("entrypoint", ()),
-        # The network namespaces of a node are in /var/run for some, in /run for others.
-        links=tools(components) | {"var/run": "/run"},
-        command=start.get("command", ()),
+        shorten_name(spec["image"]),
+        files,
+        spec["entrypoint"],
+        links=links,
+        command=spec.get("command", ()),
+        user=spec.get("user", ""),
+        owned=spec.get("owned", {}),
+        volume=spec.get("volume", ""),
     )
 
 
-#: What `--with` can request: what nodes pull -> what makes it. A kubectl is for people.
-EXTRAS: Mapping[str, Mapping[str, Callable[[Components], Image]]] = {
-    "kubectl": {},
-    "multus": {
-        MULTUS_IMAGE: multus,
-        WHEREABOUTS_IMAGE: whereabouts,
-        PLUGINS_IMAGE: plugins,
-    },
-    "observability": OBSERVABILITY_IMAGES,
-    "prometheus-operator": OPERATOR_IMAGES,
-}
+def shorten_name(name: str) -> str:
+    """Return an image's name in the cluster's registry, which stands for every registry."""
+    return name.partition("/")[2]

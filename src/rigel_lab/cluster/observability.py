@@ -1,6 +1,6 @@
 """The programs that watch a cluster, as `--with observability` downloads or builds them.
 
-`observability_images` puts them into images. All are built as upstream builds them but without C
+extras.yaml describes their images. All are built as upstream builds them but without C
 libraries: Promtail reads no systemd journal, Prometheus has no pages of its own. Loki's releases do
 not contain the configuration and licence of its image, and kube-state-metrics is released only as
 an image: these are always built.

@@ -12,10 +12,9 @@ import urllib3
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster import components, oci
 from rigel_lab.cluster.commands import Report
-from rigel_lab.cluster.extras import extra_images, list_offered
+from rigel_lab.cluster.extras import extra_images, list_offered, shorten_name
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.state import State
-from rigel_lab.cluster.upstream import shorten_name
 
 #: Images that others make for an extra: extra -> name under which nodes pull it -> what makes the
 #: archive, or finds it made.

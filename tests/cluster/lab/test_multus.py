@@ -17,8 +17,9 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands import cluster as clusters
-from rigel_lab.cluster import components, k3s, observability_images
+from rigel_lab.cluster import components, k3s
 from rigel_lab.cluster.commands import run
+from rigel_lab.cluster.extras import list_offered
 from rigel_lab.cluster.gobuild import GoBuild, toolchain
 from rigel_lab.images import exporter
 
@@ -184,7 +185,7 @@ def test_a_running_cluster_gains_another_extra(host: Any, offering: str) -> None
     words = ["up", "--name", offering, "--with", "observability"]
     assert f"Adding {exporter.UPSTREAM} to the registry" in host.rigel(*words)
     offers = host.status(offering)["offers"]
-    assert set(before) | set(observability_images.OBSERVABILITY_IMAGES) <= set(offers)
+    assert set(before) | set(list_offered(["observability"])) <= set(offers)
     assert exporter.UPSTREAM in offers
     assert host.status(offering)["extras"] == ["multus", "observability"]
     assert "Adding" not in host.rigel(*words)

@@ -19,7 +19,7 @@ from rigel_k8s.observability.manifests.stack import Boards
 from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.types import Desired
-from rigel_lab.cluster.observability_images import PROMETHEUS_IMAGE
+from rigel_lab.cluster.extras import IMAGES
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy
 
@@ -62,8 +62,8 @@ def prometheus(namespace: str) -> list[dict[str, Any]]:
             "kind": "Prometheus",
             "metadata": {"name": "theirs", "namespace": namespace},
             "spec": {
-                "image": PROMETHEUS_IMAGE,
-                "version": PROMETHEUS_IMAGE.rpartition(":")[2],
+                "image": IMAGES["prometheus"],
+                "version": IMAGES["prometheus"].rpartition(":")[2],
                 "serviceAccountName": ACCOUNT,
                 "podMonitorSelector": chosen,
                 "podMonitorNamespaceSelector": {},
@@ -88,7 +88,7 @@ def robot(namespace: str) -> dict[str, Any]:
             "labels": labels,
             "annotations": {**asked, "rigel-k8s/ros-name": "/camera"},
         },
-        "spec": {"containers": [{"name": "ros-node", "image": PROMETHEUS_IMAGE}]},
+        "spec": {"containers": [{"name": "ros-node", "image": IMAGES["prometheus"]}]},
     }
 
 
@@ -185,7 +185,7 @@ def test_the_operator_runs_a_prometheus(
     cluster: Any, namespace: str, prometheus_operator: None
 ) -> None:
     """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
-    spec = {"image": PROMETHEUS_IMAGE, "version": PROMETHEUS_IMAGE.rpartition(":")[2]}
+    spec = {"image": IMAGES["prometheus"], "version": IMAGES["prometheus"].rpartition(":")[2]}
     meta = {"name": "own", "namespace": namespace}
     kind = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus"}
     cluster.create({**kind, "metadata": meta, "spec": spec})

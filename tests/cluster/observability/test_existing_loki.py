@@ -18,7 +18,7 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import LABELS
-from rigel_lab.cluster.observability_images import LOKI_IMAGE
+from rigel_lab.cluster.extras import IMAGES
 
 from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, is_ready, until
@@ -60,7 +60,12 @@ def loki(*words: str) -> dict[str, Any]:
     words = (*words, *(f"{OTLP}={name}" for name in [*LABELS, "level"]))
     ready = {"httpGet": {"path": "/ready", "port": 3100}, "periodSeconds": 1}
     config = "-config.file=/etc/loki/local-config.yaml"
-    return {"name": "loki", "image": LOKI_IMAGE, "args": [config, *words], "readinessProbe": ready}
+    return {
+        "name": "loki",
+        "image": IMAGES["loki"],
+        "args": [config, *words],
+        "readinessProbe": ready,
+    }
 
 
 @attrs.frozen

@@ -16,35 +16,35 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import ObjectRef
 from rigel_k8s.system.oci import write_archive
-from rigel_lab.cluster import observability_images, oci
-from rigel_lab.cluster.upstream import shorten_name
+from rigel_lab.cluster import oci
+from rigel_lab.cluster.extras import IMAGES, shorten_name
 from rigel_lab.images import exporter
 
 pytestmark = pytest.mark.cluster
 
 #: Image -> what its program says when asked for its version.
 VERSIONS = {
-    observability_images.LOKI_IMAGE: "loki, version 3.7.8",
-    observability_images.PROMTAIL_IMAGE: "promtail, version 3.6.15",
-    observability_images.OTEL_COLLECTOR_IMAGE: "otelcol-k8s version 0.158.0",
-    observability_images.PROMETHEUS_IMAGE: "prometheus, version 3.13.3",
-    observability_images.KUBE_STATE_METRICS_IMAGE: "kube-state-metrics, version v2.18.0",
-    observability_images.NODE_EXPORTER_IMAGE: "node_exporter, version 1.12.1",
-    observability_images.OPERATOR_IMAGE: "prometheus-operator, version 0.92.1",
-    observability_images.RELOADER_IMAGE: "prometheus-config-reloader, version 0.92.1",
+    IMAGES["loki"]: "loki, version 3.7.8",
+    IMAGES["promtail"]: "promtail, version 3.6.15",
+    IMAGES["otel-collector"]: "otelcol-k8s version 0.158.0",
+    IMAGES["prometheus"]: "prometheus, version 3.13.3",
+    IMAGES["kube-state-metrics"]: "kube-state-metrics, version v2.18.0",
+    IMAGES["node-exporter"]: "node_exporter, version 1.12.1",
+    IMAGES["prometheus-operator"]: "prometheus-operator, version 0.92.1",
+    IMAGES["prometheus-config-reloader"]: "prometheus-config-reloader, version 0.92.1",
 }
 #: Image -> how it is asked, where it is not by this argument.
 ASKED = {
-    observability_images.LOKI_IMAGE: {"args": ["-version"]},
-    observability_images.PROMTAIL_IMAGE: {"args": ["-version"]},
-    observability_images.KUBE_STATE_METRICS_IMAGE: {"command": ["/kube-state-metrics", "version"]},
+    IMAGES["loki"]: {"args": ["-version"]},
+    IMAGES["promtail"]: {"args": ["-version"]},
+    IMAGES["kube-state-metrics"]: {"command": ["/kube-state-metrics", "version"]},
 }
 BY_ARGUMENT = {"args": ["--version"]}
 #: Image -> port and path where its program says, started with nothing besides, that it is well.
 SERVERS = {
-    observability_images.LOKI_IMAGE: (3100, "ready", "ready"),
-    observability_images.PROMETHEUS_IMAGE: (9090, "-/ready", "Prometheus Server is Ready"),
-    observability_images.NODE_EXPORTER_IMAGE: (9100, "metrics", "node_cpu_seconds_total"),
+    IMAGES["loki"]: (3100, "ready", "ready"),
+    IMAGES["prometheus"]: (9090, "-/ready", "Prometheus Server is Ready"),
+    IMAGES["node-exporter"]: (9100, "metrics", "node_cpu_seconds_total"),
 }
 
 
@@ -119,7 +119,7 @@ def test_servers_work_as_they_come(place: Place) -> None:
 def test_loki_is_not_root(place: Place) -> None:
     """Its user has a number, so that `runAsNonRoot` needs no other word."""
     secure = {"runAsNonRoot": True}
-    pod = place.start(observability_images.LOKI_IMAGE, args=["-version"], securityContext=secure)
+    pod = place.start(IMAGES["loki"], args=["-version"], securityContext=secure)
     assert "loki, version" in place.ended(pod)
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from rigel_k8s.network import multus
 from rigel_lab.cluster import extras
-from rigel_lab.cluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
-from rigel_lab.cluster.extras import extra_images, list_offered
+from rigel_lab.cluster.components import MULTUS, ON_REQUEST, PLUGINS, WHEREABOUTS, Components
+from rigel_lab.cluster.extras import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.oci import Image
 
 pytestmark = pytest.mark.programs
@@ -52,15 +52,24 @@ def test_what_rigel_installs_is_what_is_offered() -> None:
     assert set(list_offered(["multus"])) == wanted
 
 
+def test_a_tag_is_the_version_of_what_is_built() -> None:
+    """But for Promtail, whose last image is older than its last module."""
+    for extra, images in EXTRAS.items():
+        versions = {build.version for build in ON_REQUEST[extra]}
+        for name, spec in images.items():
+            tag = spec["image"].rpartition(":")[2].removeprefix("v").partition("-")[0]
+            assert (tag in versions) == (name != "promtail"), name
+
+
 def test_multus_image(images: dict[str, Image]) -> None:
     """The daemon's paths, root in /etc/passwd, /var/run -> /run, and a shell."""
-    found = entries(images[extras.MULTUS_IMAGE])
+    found = entries(images[IMAGES["multus"]])
     for name in ("multus-daemon", "multus-shim", "install_multus", "passthru", "multus"):
         assert found[f"usr/src/multus-cni/bin/{name}"].mode == 0o755
     assert found["var/run"].linkname == "/run"
     assert found["bin/sh"].linkname == "busybox"
     assert "etc/passwd" in found
-    assert images[extras.MULTUS_IMAGE].config == {
+    assert images[IMAGES["multus"]].config == {
         "Entrypoint": ["/usr/src/multus-cni/bin/multus-daemon"],
         "Env": ["PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"],
     }
@@ -68,18 +77,18 @@ def test_multus_image(images: dict[str, Image]) -> None:
 
 def test_whereabouts_image(images: dict[str, Image]) -> None:
     """Programs and scripts are at the root; it starts the script, as arguments may replace."""
-    found = entries(images[extras.WHEREABOUTS_IMAGE])
+    found = entries(images[IMAGES["whereabouts"]])
     programs = ("whereabouts", "ip-control-loop", "node-slice-controller", "ip-reconciler")
     for name in (*programs, "install-cni.sh", "lib.sh", "token-watcher.sh"):
         assert found[name].mode == 0o755
-    config = images[extras.WHEREABOUTS_IMAGE].config
+    config = images[IMAGES["whereabouts"]].config
     assert config["Cmd"] == ["/install-cni.sh"]
     assert "Entrypoint" not in config
 
 
 def test_image_of_the_standard_programs(images: dict[str, Image]) -> None:
     """It has what k3s lacks."""
-    found = entries(images[extras.PLUGINS_IMAGE])
+    found = entries(images[IMAGES["cni-plugins"]])
     for name in ("macvlan", "ipvlan", "static", "host-local", "dhcp", "tuning", "bridge"):
         assert found[f"opt/cni/bin/{name}"].mode == 0o755
 

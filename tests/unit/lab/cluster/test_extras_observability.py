@@ -10,9 +10,8 @@ import pytest
 
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
 from rigel_k8s.observability.manifests.program import load
-from rigel_lab.cluster import observability_images as names
 from rigel_lab.cluster.components import ON_REQUEST, Components
-from rigel_lab.cluster.extras import extra_images, list_offered
+from rigel_lab.cluster.extras import IMAGES, extra_images, list_offered
 from rigel_lab.cluster.observability import KUBE_STATE_METRICS, OPERATOR, PROMETHEUS, PROMTAIL
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
@@ -22,33 +21,33 @@ pytestmark = pytest.mark.programs
 EXTRAS = ("observability", "prometheus-operator")
 #: As whom each runs: as upstream's says it, since `runAsNonRoot` refuses a user without a number.
 USERS = {
-    names.LOKI_IMAGE: "10001",
-    names.PROMTAIL_IMAGE: None,
-    names.OTEL_COLLECTOR_IMAGE: "10001",
-    names.PROMETHEUS_IMAGE: "nobody",
-    names.KUBE_STATE_METRICS_IMAGE: "nobody",
-    names.NODE_EXPORTER_IMAGE: "nobody",
-    names.OPERATOR_IMAGE: "65534",
-    names.RELOADER_IMAGE: "nobody",
+    IMAGES["loki"]: "10001",
+    IMAGES["promtail"]: None,
+    IMAGES["otel-collector"]: "10001",
+    IMAGES["prometheus"]: "nobody",
+    IMAGES["kube-state-metrics"]: "nobody",
+    IMAGES["node-exporter"]: "nobody",
+    IMAGES["prometheus-operator"]: "65534",
+    IMAGES["prometheus-config-reloader"]: "nobody",
 }
 #: What each starts, and with what.
 STARTS = {
-    names.LOKI_IMAGE: ["/usr/bin/loki", "-config.file=/etc/loki/local-config.yaml"],
-    names.PROMTAIL_IMAGE: ["/usr/bin/promtail", "-config.file=/etc/promtail/config.yml"],
-    names.OTEL_COLLECTOR_IMAGE: ["/otelcol-k8s"],
-    names.PROMETHEUS_IMAGE: [
+    IMAGES["loki"]: ["/usr/bin/loki", "-config.file=/etc/loki/local-config.yaml"],
+    IMAGES["promtail"]: ["/usr/bin/promtail", "-config.file=/etc/promtail/config.yml"],
+    IMAGES["otel-collector"]: ["/otelcol-k8s"],
+    IMAGES["prometheus"]: [
         "/bin/prometheus",
         "--config.file=/etc/prometheus/prometheus.yml",
         "--storage.tsdb.path=/prometheus",
     ],
-    names.KUBE_STATE_METRICS_IMAGE: [
+    IMAGES["kube-state-metrics"]: [
         "/kube-state-metrics",
         "--port=8080",
         "--telemetry-port=8081",
     ],
-    names.NODE_EXPORTER_IMAGE: ["/bin/node_exporter"],
-    names.OPERATOR_IMAGE: ["/bin/operator"],
-    names.RELOADER_IMAGE: ["/bin/prometheus-config-reloader"],
+    IMAGES["node-exporter"]: ["/bin/node_exporter"],
+    IMAGES["prometheus-operator"]: ["/bin/operator"],
+    IMAGES["prometheus-config-reloader"]: ["/bin/prometheus-config-reloader"],
 }
 
 
@@ -122,7 +121,7 @@ def test_each_image_has_its_own_program(images: dict[str, Image], name: str) -> 
     assert content(images[name], start[1:]).startswith(f"{program} of ")
 
 
-@pytest.mark.parametrize("name", [names.LOKI_IMAGE, names.KUBE_STATE_METRICS_IMAGE])
+@pytest.mark.parametrize("name", [IMAGES["loki"], IMAGES["kube-state-metrics"]])
 def test_no_shell_where_upstream_has_none(images: dict[str, Image], name: str) -> None:
     """A probe that needs a shell must fail here as it does there."""
     assert not {path for path in entries(images[name]) if path.startswith("bin")}
@@ -130,14 +129,14 @@ def test_no_shell_where_upstream_has_none(images: dict[str, Image], name: str) -
 
 def test_loki_may_write_its_directories(images: dict[str, Image]) -> None:
     """They belong to its user; nothing else does."""
-    found = entries(images[names.LOKI_IMAGE])
+    found = entries(images[IMAGES["loki"]])
     owned = {path for path, entry in found.items() if (entry.uid, entry.gid) == (10001, 10001)}
     assert owned == {"etc/loki", "loki", "loki/rules", "loki/rules-temp"}
 
 
 def test_prometheus_keeps_its_data_in_a_volume(images: dict[str, Image]) -> None:
     """/prometheus belongs to nobody, is a volume, and is where it starts; promtool is there."""
-    image = images[names.PROMETHEUS_IMAGE]
+    image = images[IMAGES["prometheus"]]
     found = entries(image)
     assert found["prometheus"].uid == found["prometheus"].gid == 65534
     assert "nobody:x:65534:65534:" in content(image, "etc/passwd")

@@ -85,7 +85,7 @@ class MultusPart(SharedPart):
         Raises:
             ClusterError: a machine cannot attach pods; the causes are in the details.
         """
-        for part, presence in self.installation.there.items():
+        for part, presence in self.installation.parts.items():
             if not presence.ours:
                 name = part.replace("multus", "Multus")
                 source = f"{presence.where}, {presence.image}"
@@ -151,11 +151,11 @@ def find(cluster: Cluster, given: Install) -> Installation:
     groups = group_by_platform(nodes, options)
     if not groups:
         raise ClusterError("cannot install Multus: the cluster has no Linux machine")
-    there = find_parts(cluster.list("apps/v1", "DaemonSet"))
+    parts = find_parts(cluster.list("apps/v1", "DaemonSet"))
     refs = [ref_of(definition) for definition in read_definitions(DEFINITIONS)]
     live = zip(refs, cluster.parallel(cluster.get, refs), strict=True)
     foreign = frozenset(ref.name for ref, one in live if one and not belongs(one, RELEASE))
-    return Installation(groups, options, nodes, there, foreign)
+    return Installation(groups, options, nodes, parts, foreign)
 
 
 def complete_options(cluster: Cluster, given: Install) -> Install:
@@ -207,7 +207,7 @@ def let_be_away(cluster: Cluster, installation: Installation) -> None:
     if not installation.away:
         return
     rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(installation.away)}}
-    for presence in installation.there.values():
+    for presence in installation.parts.values():
         for one in presence.sets if presence.ours else ():
             cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
@@ -215,7 +215,7 @@ def let_be_away(cluster: Cluster, installation: Installation) -> None:
 def prove_nodes(cluster: Cluster, options: Install, how: DeployOptions) -> MultusResult:
     """Let each machine attach a pod that has not proved it before."""
     installation = find(cluster, options)
-    multus = installation.there.get("multus")
+    multus = installation.parts.get("multus")
     if multus is None:
         raise ClusterError("Multus was removed while it was being installed")
     marks = list_marks(installation)

@@ -56,7 +56,7 @@ class Installation:
         groups: its Linux machines by platform; those that join later belong to the first.
         options: completed by those of earlier installations.
         nodes: all its machines.
-        there: the parts that it has.
+        parts: the parts that it has.
         foreign: names of our CustomResourceDefinitions that others have made: they stay unchanged.
         retired: remove what was put onto the machines; the objects are deleted after that.
     """
@@ -64,14 +64,14 @@ class Installation:
     groups: Sequence[Group]
     options: Install = attrs.field(factory=Install)
     nodes: Sequence[Object] = ()
-    there: Mapping[Part, Presence] = attrs.field(factory=dict)
+    parts: Mapping[Part, Presence] = attrs.field(factory=dict)
     foreign: frozenset[str] = frozenset()
     retired: bool = False
 
     @property
     def installs(self) -> list[Part]:
         """The parts that this program installs; those of others are used unchanged."""
-        return [part for part in PARTS if part not in self.there or self.there[part].ours]
+        return [part for part in PARTS if part not in self.parts or self.parts[part].ours]
 
     @property
     def linux(self) -> list[Object]:
@@ -92,13 +92,13 @@ class Installation:
 
 def find_parts(sets: Sequence[Object]) -> dict[Part, Presence]:
     """Return the parts that a cluster has, from its DaemonSets; ours come first."""
-    there: dict[Part, Presence] = {}
+    parts: dict[Part, Presence] = {}
     for part in PARTS:
         running = tuple(one for one in sets if runs(part, one))
         ours = tuple(one for one in running if is_ours(one))
         if running:
-            there[part] = Presence(ours or running, bool(ours))
-    return there
+            parts[part] = Presence(ours or running, bool(ours))
+    return parts
 
 
 def runs(part: Part, daemon_set: Object) -> bool:

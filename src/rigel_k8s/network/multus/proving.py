@@ -149,7 +149,7 @@ def fingerprint(node: Object, sets: Iterable[Object]) -> str:
 
 def list_marks(installation: Installation) -> dict[str, str]:
     """Return the current fingerprint of each machine that is up."""
-    sets = [one for presence in installation.there.values() for one in presence.sets]
+    sets = [one for presence in installation.parts.values() for one in presence.sets]
     return {node["metadata"]["name"]: fingerprint(node, sets) for node in installation.up}
 
 

@@ -80,7 +80,7 @@ def check_use(
     cluster: Cluster, installation: Installation, report: Reporter, *, force: bool
 ) -> None:
     """Raise an error if a removal would do harm; only warn if it is forced."""
-    multus = installation.there.get("multus")
+    multus = installation.parts.get("multus")
     if multus and not multus.ours:
         raise UserError(
             f"Multus ({multus.where}) was not installed by rigel",

@@ -76,7 +76,7 @@ def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
     installation = find(cluster, options)
     pods = cluster.list("v1", "Pod")
     proven = find_proven(cluster, installation)
-    multus, whereabouts = (installation.there.get(part) for part in PARTS)
+    multus, whereabouts = (installation.parts.get(part) for part in PARTS)
     with_multus, with_whereabouts = find_ready(multus, pods), find_ready(whereabouts, pods)
     platforms = {name: group.platform for group in installation.groups for name in group.nodes}
     nodes = []

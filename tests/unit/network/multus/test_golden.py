@@ -40,7 +40,7 @@ CASES = {
     "minikube": on(platform("minikube")),
     "mixed": on(K3S, platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
     "own-images": on(platform("plain"), options=OWN_IMAGES),
-    "others-multus": on(platform("plain"), there={"multus": Presence((), ours=False)}),
+    "others-multus": on(platform("plain"), parts={"multus": Presence((), ours=False)}),
     "retired": on(platform("plain"), retired=True),
 }
 #: What does not depend on the kind of cluster stands in one file.

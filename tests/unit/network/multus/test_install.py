@@ -129,7 +129,7 @@ def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:
 def test_others_multus_is_recognised(name: str, image: str) -> None:
     """By its name or its image, from whatever registry; it is left to whoever has installed it."""
     there = found(daemon_set(name, image, namespace="other"))
-    multus = there.there["multus"]
+    multus = there.parts["multus"]
     assert (multus.ours, multus.where) == (False, f"other/{name}")
     assert there.installs == ["whereabouts"]
 
@@ -145,7 +145,7 @@ def test_others_multus_is_recognised(name: str, image: str) -> None:
 def test_what_is_no_multus(other: Any) -> None:
     """Neither its companions nor pods that only use its image are Multus."""
     there = found(other)
-    assert "multus" not in there.there
+    assert "multus" not in there.parts
     assert "multus" in there.installs
 
 
@@ -153,14 +153,14 @@ def test_ours_stays_ours() -> None:
     """A second Multus that appears never makes us take ours away."""
     ours = daemon_set("rigel-multus", "x/multus-cni:1", ours=True)
     there = found(daemon_set("kube-multus-ds", "x/multus-cni:1"), ours)
-    multus = there.there["multus"]
+    multus = there.parts["multus"]
     assert (multus.ours, multus.where) == (True, "kube-system/rigel-multus")
 
 
 def test_our_second_platform_is_ours() -> None:
     """The DaemonSet of a second platform counts with the first."""
     sets = [daemon_set(n, "i", ours=True) for n in ("rigel-multus", "rigel-multus-k3s-0a1b2c")]
-    assert len(found(*sets).there["multus"].sets) == 2
+    assert len(found(*sets).parts["multus"].sets) == 2
 
 
 def test_definitions_of_others_are_known() -> None:
@@ -178,6 +178,28 @@ def test_nodes_that_are_away_are_told_apart() -> None:
     there = found(nodes=[node("a"), node("b", up=False), node("c")])
     up = [one["metadata"]["name"] for one in there.up]
     assert (up, there.away) == (["a", "c"], ("b",))
+
+
+def test_machines_that_are_away_do_not_stop_an_update() -> None:
+    """Kubernetes would wait for their pods; only our own DaemonSets are touched."""
+    patched: list[Any] = []
+
+    class Patching(Cluster):
+        def patch(self, ref: Any, change: Any) -> None:
+            patched.append((ref.name, change["spec"]["updateStrategy"]["rollingUpdate"]))
+
+    def let(*nodes: Any) -> list[Any]:
+        ours = daemon_set("rigel-multus", "x/multus-cni:1", ours=True)
+        sets = [{**one, "apiVersion": "apps/v1", "kind": "DaemonSet"} for one in (ours, theirs)]
+        cluster: Any = Patching(list(nodes), sets, {})
+        patched.clear()
+        installing.let_be_away(cluster, find(cluster, Install()))
+        return patched
+
+    theirs = daemon_set("whereabouts", "x/whereabouts:1", namespace="other")
+    assert let(node("a"), node("b")) == []
+    away = [node("b", up=False), node("c", up=False)]
+    assert let(node("a"), *away) == [("rigel-multus", {"maxUnavailable": 3})]
 
 
 def test_a_cluster_without_linux() -> None:
@@ -274,7 +296,7 @@ def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> No
 def roll_out(fake: FakeCluster) -> None:
     """Install on a cluster whose machines are all still to come."""
     theirs = Presence((daemon_set("whereabouts", "whereabouts"),), ours=False)
-    asked = Installation([Group(platform("plain"))], there={"whereabouts": theirs})
+    asked = Installation([Group(platform("plain"))], parts={"whereabouts": theirs})
     part = MultusPart(desired=find_release(None, asked), installation=asked)
     options = DeployOptions(report=Recorder(), timeout=5)
     part.write(fake, part.look(fake, adopt=False), options)

@@ -190,10 +190,10 @@ def multus(installer: list[str]) -> None:
 @pytest.fixture(scope="session")
 def prometheus_operator(cluster: Any) -> None:
     """The Prometheus operator by upstream's own manifests, unchanged; it stays on the cluster."""
-    from rigel_lab.cluster.observability import OPERATOR
+    from rigel_lab.cluster.components import BUILDS
 
-    OPERATOR.build(print)
-    manifests = (OPERATOR.directory / "prometheus-operator.yaml").read_text()
+    BUILDS["prometheus-operator"].build(print)
+    manifests = (BUILDS["prometheus-operator"].directory / "prometheus-operator.yaml").read_text()
     for manifest in filter(None, yaml.load_all(manifests, Manifests)):
         cluster.apply(manifest)
     ref = ObjectRef("apps/v1", "Deployment", "default", "prometheus-operator")

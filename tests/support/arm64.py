@@ -15,11 +15,13 @@ from pathlib import Path
 
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import run
-from rigel_lab.cluster.components import CONTAINERD, obtain
+from rigel_lab.cluster.components import BUILDS, obtain
 from rigel_lab.cluster.gobuild import toolchain
 from rigel_lab.cluster.paths import STATE
 
 from .until import until
+
+CONTAINERD = BUILDS["containerd"]
 
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
 #: Debian's line for its qemu-user-static; with F the kernel opens QEMU now, not inside a container.

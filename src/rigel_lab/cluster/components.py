@@ -8,168 +8,52 @@ independent of clusters.
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import attrs
+import yaml
 
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import Report, run
 from rigel_lab.cluster.gobuild import GoBuild
-from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
 from rigel_lab.cluster.releases import Release, Unavailable, Upstream
 
-KUBERNETES_VERSION = "1.37.2"
 
-KUBERNETES = GoBuild(
-    "kubernetes",
-    KUBERNETES_VERSION,
-    (
-        "k8s.io/kubernetes/cmd/kube-apiserver",
-        "k8s.io/kubernetes/cmd/kube-controller-manager",
-        "k8s.io/kubernetes/cmd/kube-scheduler",
-        "k8s.io/kubernetes/cmd/kubelet",
-        "k8s.io/kubernetes/cmd/kube-proxy",
-    ),
-    tags="providerless",
-    stamped=("k8s.io/component-base/version", "k8s.io/client-go/pkg/version"),
-    minutes=8,
-    release=Release(f"https://dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/{{arch}}"),
-)
-#: A cluster works without it; people, tests and benchmarks may want one of the same version.
-KUBECTL = attrs.evolve(
-    KUBERNETES,
-    packages=("k8s.io/kubernetes/cmd/kubectl",),
-    minutes=2,
-    title=f"kubectl {KUBERNETES_VERSION}",
-)
-#: Kubernetes 1.36 and newer need containerd 2; Debian's is 1.6.
-CONTAINERD = GoBuild(
-    "containerd",
-    "2.4.2",
-    tuple(
-        f"github.com/containerd/containerd/v2/cmd/{name}"
-        for name in ("containerd", "containerd-shim-runc-v2", "ctr")
-    ),
-    stamps=("github.com/containerd/containerd/v2/version.Version=2.4.2",),
-    minutes=2,
-    release=Release(
-        "https://github.com/containerd/containerd/releases/download/v2.4.2",
-        "containerd-static-2.4.2-linux-{arch}.tar.gz",
-        sums="{file}.sha256sum",
-    ),
-)
-COREDNS = GoBuild(
-    "coredns",
-    "1.15.0",
-    ("github.com/coredns/coredns",),
-    minutes=4,
-    release=Release(
-        "https://github.com/coredns/coredns/releases/download/v1.15.0",
-        "coredns_1.15.0_linux_{arch}.tgz",
-    ),
-)
-LOCAL_PATH = GoBuild(
-    "local-path-provisioner",
-    "0.0.37",
-    ("github.com/rancher/local-path-provisioner",),
-    minutes=2,
-)
+def _read_builds() -> Iterator[tuple[str, GoBuild]]:
+    text = Path(__file__).with_name("programs.yaml").read_text("utf-8")
+    for key, written in yaml.safe_load(text).items():
+        spec = json.loads(json.dumps(written).replace("VERSION", written["version"]))
+        release = spec.pop("release", None)
+        fields = {name: tuple(v) if isinstance(v, list) else v for name, v in spec.items()}
+        published = Release(**release) if release else None
+        yield key, GoBuild(**{"name": key, **fields}, release=published)
+
+
+#: The programs of programs.yaml by their names there.
+BUILDS = dict(_read_builds())
+KUBERNETES_VERSION = BUILDS["kubernetes"].version
 #: What every cluster needs.
-GO_BUILDS = (KUBERNETES, CONTAINERD, COREDNS, LOCAL_PATH)
-
-MULTUS_MODULE = "gopkg.in/k8snetworkplumbingwg/multus-cni.v4"
-MULTUS = GoBuild(
-    "multus",
-    "4.3.0",
-    tuple(
-        f"{MULTUS_MODULE}/cmd/{name}"
-        for name in (
-            "install_multus",
-            "multus",
-            "multus-daemon",
-            "multus-shim",
-            "passthru-cni",
-            "thin_entrypoint",
-        )
-    ),
-    stamps=(
-        f"{MULTUS_MODULE}/pkg/multus.version=v4.3.0",
-        f"{MULTUS_MODULE}/pkg/multus.releaseStatus=,released",
-    ),
-    renamed={"passthru-cni": "passthru"},
-    files={"multus-license": "LICENSE"},
-    minutes=2,
-)
-WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
-WHEREABOUTS = GoBuild(
-    "whereabouts",
-    "0.9.4",
-    (
-        f"{WHEREABOUTS_MODULE}/cmd",
-        f"{WHEREABOUTS_MODULE}/cmd/controlloop",
-        f"{WHEREABOUTS_MODULE}/cmd/nodeslicecontroller",
-        f"{WHEREABOUTS_MODULE}/cmd/reconciler",
-    ),
-    stamps=(
-        f"{WHEREABOUTS_MODULE}/pkg/version.Version=v0.9.4",
-        f"{WHEREABOUTS_MODULE}/pkg/version.ReleaseStatus=released",
-    ),
-    renamed={
-        "cmd": "whereabouts",
-        "controlloop": "ip-control-loop",
-        "nodeslicecontroller": "node-slice-controller",
-        "reconciler": "ip-reconciler",
-    },
-    files={
-        "whereabouts-license": "LICENSE",
-        "install-cni.sh": "script/install-cni.sh",
-        "lib.sh": "script/lib.sh",
-        "token-watcher.sh": "script/token-watcher.sh",
-    },
-    minutes=2,
-)
-PLUGINS_MODULE = "github.com/containernetworking/plugins"
-PLUGINS = GoBuild(
-    "cni-plugins",
-    "1.9.1",
-    tuple(
-        f"{PLUGINS_MODULE}/plugins/{name}"
-        for name in (
-            *("ipam/dhcp", "ipam/host-local", "ipam/static"),
-            *("main/bridge", "main/dummy", "main/host-device", "main/ipvlan", "main/loopback"),
-            *("main/macvlan", "main/ptp", "main/tap", "main/vlan"),
-            *("meta/bandwidth", "meta/firewall", "meta/portmap", "meta/sbr", "meta/tuning"),
-            "meta/vrf",
-        )
-    ),
-    stamps=(f"{PLUGINS_MODULE}/pkg/utils/buildversion.BuildVersion=v1.9.1",),
-    files={"cni-plugins-license": "LICENSE"},
-    module=PLUGINS_MODULE,
-    release=Release(
-        "https://github.com/containernetworking/plugins/releases/download/v1.9.1",
-        "cni-plugins-linux-{arch}-v1.9.1.tgz",
-    ),
-)
-#: The kubelet of nodes laid out as k3s does: the same program, which reports "+k3s1".
-K3S_KUBELET = attrs.evolve(
-    KUBERNETES,
-    packages=("k8s.io/kubernetes/cmd/kubelet",),
-    suffix="+k3s1",
-    title=f"kubelet {KUBERNETES_VERSION}+k3s1",
-    minutes=5,
-    release=None,
+GO_BUILDS = tuple(
+    BUILDS[name] for name in ("kubernetes", "containerd", "coredns", "local-path-provisioner")
 )
 #: Needed only on request, by name; a program replaces one of the same name.
 ON_REQUEST = {
-    "kubectl": (KUBECTL,),
-    "multus": (MULTUS, WHEREABOUTS, PLUGINS),
-    "observability": OBSERVABILITY,
-    "prometheus-operator": (OPERATOR,),
-    "k3s": (K3S_KUBELET,),
+    request: tuple(BUILDS[name] for name in names)
+    for request, names in {
+        "kubectl": ["kubectl"],
+        "multus": ["multus", "whereabouts", "cni-plugins"],
+        "observability": [
+            *("loki", "promtail", "otel-collector"),
+            *("prometheus", "kube-state-metrics", "node-exporter"),
+        ],
+        "prometheus-operator": ["prometheus-operator"],
+        "k3s": ["k3s"],
+    }.items()
 }
 
 DEBIAN_PACKAGES = (

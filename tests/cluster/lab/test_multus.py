@@ -118,7 +118,7 @@ def attached(host: Any, offering: str) -> dict[str, dict[str, str]]:
 
 def install_multus(host: Any, cluster: str) -> None:
     """Apply upstream's manifests, unchanged but for the tags."""
-    multus, whereabouts = module_of(components.MULTUS), module_of(components.WHEREABOUTS)
+    multus, whereabouts = (module_of(components.BUILDS[name]) for name in ("multus", "whereabouts"))
     thick = (multus / "deployments/multus-daemonset-thick.yml").read_text()
     crds = whereabouts / "doc/crds"
     texts = [thick.replace(":snapshot-thick", ":v4.3.0-thick")]

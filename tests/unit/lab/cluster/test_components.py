@@ -9,19 +9,15 @@ import attrs
 import pytest
 
 from rigel_lab.cluster import components, gobuild
-from rigel_lab.cluster.components import (
-    COREDNS,
-    GO_BUILDS,
-    K3S_KUBELET,
-    KUBERNETES,
-    KUBERNETES_VERSION,
-    MULTUS,
-    ON_REQUEST,
-    WHEREABOUTS,
-    Components,
-)
+from rigel_lab.cluster.components import GO_BUILDS, KUBERNETES_VERSION, ON_REQUEST, Components
 from rigel_lab.cluster.gobuild import GoBuild, Progress, go_version, toolchain
 from rigel_lab.cluster.releases import Upstream
+
+COREDNS = components.BUILDS["coredns"]
+K3S_KUBELET = components.BUILDS["k3s"]
+KUBERNETES = components.BUILDS["kubernetes"]
+MULTUS = components.BUILDS["multus"]
+WHEREABOUTS = components.BUILDS["whereabouts"]
 
 BUILDS = [*GO_BUILDS, *(build for builds in ON_REQUEST.values() for build in builds)]
 

@@ -11,9 +11,13 @@ import pytest
 
 from rigel_k8s.network import multus
 from rigel_lab.cluster import extras
-from rigel_lab.cluster.components import MULTUS, ON_REQUEST, PLUGINS, WHEREABOUTS, Components
+from rigel_lab.cluster.components import BUILDS, ON_REQUEST, Components
 from rigel_lab.cluster.extras import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.oci import Image
+
+MULTUS = BUILDS["multus"]
+PLUGINS = BUILDS["cni-plugins"]
+WHEREABOUTS = BUILDS["whereabouts"]
 
 pytestmark = pytest.mark.programs
 

@@ -10,11 +10,15 @@ import pytest
 
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
 from rigel_k8s.observability.manifests.program import load
-from rigel_lab.cluster.components import ON_REQUEST, Components
+from rigel_lab.cluster.components import BUILDS, ON_REQUEST, Components
 from rigel_lab.cluster.extras import IMAGES, extra_images, list_offered
-from rigel_lab.cluster.observability import KUBE_STATE_METRICS, OPERATOR, PROMETHEUS, PROMTAIL
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
+
+KUBE_STATE_METRICS = BUILDS["kube-state-metrics"]
+OPERATOR = BUILDS["prometheus-operator"]
+PROMETHEUS = BUILDS["prometheus"]
+PROMTAIL = BUILDS["promtail"]
 
 pytestmark = pytest.mark.programs
 

@@ -17,21 +17,19 @@ from urllib3.util.retry import RequestHistory
 
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_lab.cluster import components, releases
-from rigel_lab.cluster.components import (
-    CONTAINERD,
-    COREDNS,
-    GO_BUILDS,
-    K3S_KUBELET,
-    KUBERNETES,
-    KUBERNETES_VERSION,
-    LOCAL_PATH,
-    ON_REQUEST,
-    PLUGINS,
-)
+from rigel_lab.cluster.components import BUILDS, GO_BUILDS, KUBERNETES_VERSION, ON_REQUEST
 from rigel_lab.cluster.gobuild import GoBuild
-from rigel_lab.cluster.observability import NODE_EXPORTER, PROMETHEUS
 from rigel_lab.cluster.releases import Progress, Unavailable, Upstream, find_sum
 from tests.support.release_server import Fault, Releases
+
+CONTAINERD = BUILDS["containerd"]
+COREDNS = BUILDS["coredns"]
+K3S_KUBELET = BUILDS["k3s"]
+KUBERNETES = BUILDS["kubernetes"]
+LOCAL_PATH = BUILDS["local-path-provisioner"]
+PLUGINS = BUILDS["cni-plugins"]
+NODE_EXPORTER = BUILDS["node-exporter"]
+PROMETHEUS = BUILDS["prometheus"]
 
 RELEASED = [KUBERNETES, CONTAINERD, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
 KUBERNETES_FILES = f"dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/amd64"

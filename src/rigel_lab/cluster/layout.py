@@ -6,10 +6,10 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import attrs
 
+from rigel_lab.cluster import kubeconfig
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.certificates import Authority
 from rigel_lab.cluster.components import Components
@@ -82,7 +82,7 @@ class Layout:
             ca = self.authority()
             certificate, key = ca.issue(user, common_name, organization=organization)
             path.parent.mkdir(mode=0o700, exist_ok=True)
-            content = kubeconfig(self.server, ca.certificate, certificate, key)
+            content = kubeconfig.entries(user, self.server, ca.certificate, certificate, key)
             path.write_text(json.dumps(content))
         return path
 
@@ -104,18 +104,3 @@ class Layout:
             outside = given.get("NO_PROXY") or given.get("no_proxy")
             result["NO_PROXY"] = ",".join([*direct, *filter(None, [outside])])
         return result
-
-
-def kubeconfig(server: str, ca: Path, certificate: Path, key: Path) -> dict[str, Any]:
-    """Return a kubeconfig (JSON is YAML) that names its files."""
-    user = {"client-certificate": str(certificate), "client-key": str(key)}
-    return {
-        "apiVersion": "v1",
-        "kind": "Config",
-        "clusters": [
-            {"name": "c", "cluster": {"server": server, "certificate-authority": str(ca)}}
-        ],
-        "users": [{"name": "u", "user": user}],
-        "contexts": [{"name": "x", "context": {"cluster": "c", "user": "u"}}],
-        "current-context": "x",
-    }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from rigel_lab.cluster import k3snode
-from rigel_lab.cluster.containerd import configure_containerd
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.machine import Machine
+
+CAP_SYS_RESOURCE = 24
 
 
 def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
@@ -88,6 +89,48 @@ def kube_proxy(layout: Layout, name: str) -> list[str]:
         "--conntrack-tcp-timeout-established=0s",
         "--conntrack-tcp-timeout-close-wait=0s",
     ]
+
+
+def configure_containerd(layout: Layout, directory: Path) -> None:
+    """Write containerd's configuration, and from where it takes images.
+
+    Every registry is looked up here first: an image that was pushed as REGISTRY/library/ros is what
+    pods name `ros`. What the local registry does not have comes from that in the image's name.
+    """
+    certs, nodes = directory / "certs.d", layout.nodes
+    mirror = f'[host."http://{layout.registry}"]\n  capabilities = ["pull", "resolve"]\n'
+    own = f'server = "http://{layout.registry}"\n{mirror}'
+    for registry, text in {layout.registry: own, "_default": mirror}.items():
+        (certs / registry).mkdir(parents=True, exist_ok=True)
+        (certs / registry / "hosts.toml").write_text(text)
+    (directory / "containerd.toml").write_text(
+        f"""version = 2
+root = "{nodes.containerd}"
+state = "{PurePosixPath(nodes.socket).parent}"
+[grpc]
+  address = "{nodes.socket}"
+[plugins."io.containerd.internal.v1.opt"]
+  path = "{nodes.containerd}/opt"
+[plugins."io.containerd.grpc.v1.cri"]
+  sandbox_image = "{layout.registry}/rigel-k8s/pause:1"
+  restrict_oom_score_adj = {json.dumps(not may_raise_limits())}
+  [plugins."io.containerd.grpc.v1.cri".cni]
+    bin_dir = "{nodes.cni_programs}"
+    conf_dir = "{nodes.cni_config}"
+  [plugins."io.containerd.grpc.v1.cri".registry]
+    config_path = "{certs}"
+  [plugins."io.containerd.grpc.v1.cri".containerd.runtimes.runc]
+    runtime_type = "io.containerd.runc.v2"
+"""
+    )
+
+
+def may_raise_limits() -> bool:
+    """Return whether we have CAP_SYS_RESOURCE, which protecting sandboxes from OOM needs."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> CAP_SYS_RESOURCE & 1)
+    return False
 
 
 def configure_kubelet(layout: Layout, directory: Path, cgroup: str) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Missing
+from rigel_k8s.release.survey import describe_namespace
 from rigel_k8s.release.types import ReleaseId
 from rigel_muto.agent.wanted import Record, decode, encode
 
@@ -48,6 +49,5 @@ class Memory:
         except Missing:
             if not self._create_namespace:
                 raise
-            named = {"name": self.ref.namespace}
-            self._cluster.apply({"apiVersion": "v1", "kind": "Namespace", "metadata": named})
+            self._cluster.apply(describe_namespace(self.ref.namespace))
             self._cluster.apply(secret)

@@ -13,8 +13,7 @@ build.py      both as a recipe; images/base does the rest
 from __future__ import annotations
 
 from rigel_lab.images.base.build import BaseImage
-from rigel_lab.images.base.engine import load, push
 from rigel_lab.images.ros1base.build import build
 from rigel_lab.images.ros1base.packages import REFERENCES, Variant
 
-__all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load", "push"]
+__all__ = ["REFERENCES", "BaseImage", "Variant", "build"]

@@ -15,8 +15,7 @@ files/        the wheels' versions and digests (`./run lock` renews them), scrip
 from __future__ import annotations
 
 from rigel_lab.images.base.build import BaseImage
-from rigel_lab.images.base.engine import load, push
 from rigel_lab.images.ros2base.build import build
 from rigel_lab.images.ros2base.packages import REFERENCES, Distro
 
-__all__ = ["REFERENCES", "BaseImage", "Distro", "build", "load", "push"]
+__all__ = ["REFERENCES", "BaseImage", "Distro", "build"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import stat
 import subprocess
 import tarfile
@@ -17,7 +18,8 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.system.oci import read_archive
 from rigel_lab.images.base.build import EPOCH, Recipe
 from rigel_lab.images.base.build import build as build_recipe
-from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
+from rigel_lab.images.base.delivery import deliver
+from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, overlay
 from rigel_lab.images.ros1base.packages import PACKAGES
 from tests.support.recorder import Recorder
 
@@ -160,12 +162,14 @@ def test_no_mmdebstrap(programs: Path, monkeypatch: pytest.MonkeyPatch):
     assert "apt-get install mmdebstrap" in str(failure.value.hint)
 
 
-def test_load_and_push(programs: Path, tmp_path: Path):
-    """Podman is taken before docker."""
+def test_load_and_push(programs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Podman is taken before docker, which serves where podman is not installed."""
     image = BaseImage("localhost/a:1", tmp_path / "a.tar", built=False)
-    assert load(image, Recorder()) == "podman"
-    push(image, "10.0.0.1:5000/ros:noetic", Recorder())
-    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), engine="docker")
+    assert deliver(image, None, Recorder()) == "localhost/a:1"
+    assert deliver(image, "10.0.0.1:5000/ros:noetic", Recorder()) == "10.0.0.1:5000/ros:noetic"
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "which", lambda name: None if name == "podman" else name)
+        deliver(image, "10.0.0.1:5000/ros:noetic", Recorder())
     called = programs.read_text().splitlines()
     assert called[0] == f"podman load --input {tmp_path / 'a.tar'}"
     assert "podman tag localhost/a:1 10.0.0.1:5000/ros:noetic" in called
@@ -177,7 +181,7 @@ def test_failed_load(programs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     """The engine's own words are told."""
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(CommandFailed, match="podman load") as failure:
-        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Recorder())
+        deliver(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), None, Recorder())
     assert failure.value.details == ("no space left",)
 
 
@@ -185,7 +189,7 @@ def test_no_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Without podman and docker the error says which to install."""
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RigelK8sError, match="neither podman nor docker") as failure:
-        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Recorder())
+        deliver(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), None, Recorder())
     assert "install podman" in str(failure.value.hint)
 
 

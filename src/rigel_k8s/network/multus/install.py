@@ -27,7 +27,7 @@ from rigel_k8s.network.multus.proving import find_proven, list_marks, prove, rem
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.pinning import pin
-from rigel_k8s.release.deploy import Look, Run, carry_out, find_last_good
+from rigel_k8s.release.deploy import Look, find_last_good
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.survey import Survey, belongs
 from rigel_k8s.release.together import Part, SharedPart, deploy, if_allowed
@@ -94,14 +94,7 @@ class MultusPart(SharedPart):
         if self.installation.installs:
             if super().changes(looked):
                 let_be_away(cluster, self.installation)
-            run = Run(
-                cluster=cluster,
-                desired=self.desired,
-                options=attrs.evolve(options, description="network"),
-                looked=looked,
-                away=frozenset(self.away),
-            )
-            carry_out(run)
+            self.install(cluster, looked, attrs.evolve(options, description="network"))
         self.result = prove_nodes(cluster, self.installation.options, options)
 
 

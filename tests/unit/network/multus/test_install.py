@@ -293,13 +293,26 @@ def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> No
     assert complete_options(cluster, Install()) == Install()
 
 
-def roll_out(fake: FakeCluster) -> None:
+def roll_out(fake: FakeCluster) -> Recorder:
     """Install on a cluster whose machines are all still to come."""
     theirs = Presence((daemon_set("whereabouts", "whereabouts"),), ours=False)
     asked = Installation([Group(platform("plain"))], parts={"whereabouts": theirs})
     part = MultusPart(desired=find_release(None, asked), installation=asked)
-    options = DeployOptions(report=Recorder(), timeout=5)
+    report = Recorder()
+    options = DeployOptions(report=report, timeout=5)
     part.write(fake, part.look(fake, adopt=False), options)
+    return report
+
+
+def test_an_unchanged_installation_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A deploy that requests what is there neither waits for it nor reports it."""
+    nothing = MultusResult((), (), "", ours=True)
+    monkeypatch.setattr(installing, "prove_nodes", lambda *_: nothing)
+    fake = FakeCluster(Store(controllers=Controllers()))
+    meta = {"name": RELEASE.namespace}
+    fake.create({"apiVersion": "v1", "kind": "Namespace", "metadata": meta})
+    assert roll_out(fake).entries
+    assert roll_out(fake).entries == []
 
 
 def test_a_killed_installation_is_completed_by_the_next(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,9 +19,10 @@ from rigel_k8s.observability import install as stacks
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release import together
-from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.deploy import deploy_release
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.rollback import rollback
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 
 GONE_TIMEOUT = 180.0
@@ -166,7 +167,9 @@ def deploy_versions(*versions: int) -> Callable[[Cluster, str], object]:
 
     def call(cluster: Cluster, namespace: str) -> None:
         for version in versions:
-            deploy(desire(namespace, version), cluster, OPTIONS)
+            deploy_release(
+                Run(desired=desire(namespace, version), cluster=cluster, options=OPTIONS)
+            )
 
     return call
 

@@ -1,4 +1,4 @@
-"""deploy, rollback, undo and down as tests call them: with the deploy's options as keywords."""
+"""deploy, rollback, undo and down as tests call them: with options and Run's fields as keywords."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import attrs
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
 from rigel_k8s.release import rollback as rollbacks
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import DeployOptions, Desired, Plan, ReleaseId, Revision
 
 OPTIONS = frozenset(field.name for field in attrs.fields(DeployOptions))
@@ -20,9 +21,17 @@ def take_options(words: dict[str, Any]) -> DeployOptions:
     return DeployOptions(**{name: value for name, value in found.items() if value is not None})
 
 
-def deploy(desired: Desired, cluster: Any, **words: Any) -> Revision:
+def make_run(desired: Desired, cluster: Any, **words: Any) -> Run:
     options = take_options(words)
-    return deploys.deploy(desired, cluster, options, **words)
+    return Run(desired=desired, cluster=cluster, options=options, **words)
+
+
+def deploy(desired: Desired, cluster: Any, **words: Any) -> Revision:
+    return deploys.deploy_release(make_run(desired, cluster, **words))
+
+
+def diff(desired: Desired, cluster: Any, *, adopt: bool = False) -> Plan:
+    return deploys.look(cluster, desired, adopt=adopt).plan
 
 
 def rollback(cluster: Any, release: ReleaseId, number: int | None = None, **words: Any) -> Revision:

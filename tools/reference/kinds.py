@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.kinds import EXIT_CODES, KUBECTL, PODS, Kind
 from rigel_k8s.network.preflight.checks import KINDS
-from rigel_k8s.release.rollout.kinds import CAUSES
+from rigel_k8s.release.rollout.causes import CAUSES
 from rigel_k8s.release.rollout.patience import Patience
 from tools.reference.tables import draw_table, join_page
 

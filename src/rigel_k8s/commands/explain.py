@@ -11,7 +11,7 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.kinds import KUBECTL, PODS
 from rigel_k8s.network.preflight.checks import KINDS
-from rigel_k8s.release.rollout.kinds import CAUSES
+from rigel_k8s.release.rollout.causes import CAUSES
 
 _LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -10,14 +9,13 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
-from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS, rank, wave
 from rigel_k8s.release.plan import predecessors
-from rigel_k8s.release.types import Plan, ReleaseId, Step
+from rigel_k8s.release.run import Run
+from rigel_k8s.release.types import Plan, Step
 from rigel_k8s.release.writing import write
-from rigel_k8s.report import Reporter
 
 Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that a deletion may take
@@ -33,26 +31,24 @@ class Applier:
     """Carries out a plan.
 
     Attributes:
-        adopt: take over fields of other managers.
         confirm: called before each write; raises if the release's Lease is lost.
         until_ready: waits for live objects; called between those that come first and the rest.
-        gone_timeout: seconds that deleted objects may take to end.
         state: the state after an interruption, as a sentence.
         way_out: what to do after one.
         ended: the deleted workloads that have no pod any more.
     """
 
-    cluster: Cluster
-    release: ReleaseId
-    report: Reporter
-    cancel: threading.Event
-    adopt: bool = False
+    run: Run
     confirm: Callable[[], None] = lambda: None
     until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
-    gone_timeout: float = GONE_TIMEOUT
     state: str = "interrupted while objects were being applied: some are new, some old"
     way_out: str = "run the same command again to complete it"
     ended: set[ObjectRef] = attrs.field(factory=set)
+
+    @property
+    def limit(self) -> float:
+        """Seconds that deleted objects may take to end."""
+        return self.run.options.timeout or GONE_TIMEOUT
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
         """Create and change what the plan contains; return the live objects, also the kept ones."""
@@ -63,7 +59,7 @@ class Applier:
         ordered = groups(writes)
         for chosen in ordered:
             self.go_on()
-            done = self.cluster.parallel(self.write, chosen)
+            done = self.run.cluster.parallel(self.write, chosen)
             applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
             self.wait_until_defined(chosen)
             if comes_first(chosen[0]) and chosen is not ordered[-1]:
@@ -83,7 +79,7 @@ class Applier:
         self.confirm_lease()
         if live is not None and keeps_rolling(step.manifest, live):
             live = self.end_rolling(live)
-        return write(self.cluster, self.release, step.manifest, live, adopt=self.adopt)
+        return write(self.run, step.manifest, live)
 
     def end_rolling(self, live: Manifest) -> Live:
         """Make a rolling Deployment a Recreate one; its pods stay as they are.
@@ -91,9 +87,9 @@ class Applier:
         Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and
         Kubernetes refuses it together with the new one.
         """
-        strategy = {"type": "Recreate", "rollingUpdate": None}
-        meta = {"uid": live["metadata"]["uid"]}
-        return self.cluster.patch(ref_of(live), {"metadata": meta, "spec": {"strategy": strategy}})
+        spec = {"strategy": {"type": "Recreate", "rollingUpdate": None}}
+        body = {"metadata": {"uid": live["metadata"]["uid"]}, "spec": spec}
+        return self.run.cluster.patch(ref_of(live), body)
 
     def prune(self, steps: Iterable[Step]) -> None:
         """Delete what the plan prunes: workloads first, then what they used, data last.
@@ -106,18 +102,19 @@ class Applier:
         others = [step for step in todo if step.ref.kind not in WORKLOADS]
         last = [step for step in workloads if comes_first(step)]
         before = [step for step in workloads if step not in last]
-        self.cluster.parallel(self.delete, before)
+        self.run.cluster.parallel(self.delete, before)
         if last or any(step.ref.kind in CLAIMS for step in others):
             self.wait_until_no_pods(before)
-        self.cluster.parallel(self.delete, last)
+        self.run.cluster.parallel(self.delete, last)
         if any(step.ref.kind in CLAIMS for step in others):
             self.wait_until_no_pods(last)
         for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
-            self.cluster.parallel(self.delete, [s for s in others if rank(s.ref.kind) == number])
+            alike = [step for step in others if rank(step.ref.kind) == number]
+            self.run.cluster.parallel(self.delete, alike)
 
     def end(self, steps: Sequence[Step]) -> None:
         """Delete workloads and wait for the end of their pods."""
-        self.cluster.parallel(self.delete, steps)
+        self.run.cluster.parallel(self.delete, steps)
         self.wait_until_no_pods(steps, "ends before its successor starts")
 
     def delete(self, step: Step) -> None:
@@ -125,9 +122,11 @@ class Applier:
         uid = step.live["metadata"]["uid"] if step.live else None
         self.confirm_lease()
         try:
-            self.cluster.delete(step.ref, uid=uid)
+            self.run.cluster.delete(step.ref, uid=uid)
         except ConflictError:
-            self.report.warn(f"{step.ref} was replaced by another program meanwhile: left alone")
+            self.run.report.warn(
+                f"{step.ref} was replaced by another program meanwhile: left alone"
+            )
 
     def confirm_lease(self) -> None:
         """Raise if another process may change the release by now."""
@@ -143,31 +142,33 @@ class Applier:
         self.wait_until_gone([step.ref for step in ending if step.ref.kind == "Pod"])
         for step in ending:
             if labels := selector(step.live):
-                self.report.progress(step.ref.name, state)
+                self.run.report.progress(step.ref.name, state)
                 self.wait_until_no_pods_of(step.ref, labels)
-                self.report.progress(step.ref.name, "deleted", done=True)
+                self.run.report.progress(step.ref.name, "deleted", done=True)
                 self.ended.add(step.ref)
 
     def wait_until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
         """Wait until no pod has some labels."""
-        end = time.monotonic() + self.gone_timeout
+        end = time.monotonic() + self.limit
         while time.monotonic() < end:
             self.go_on()
-            found = self.cluster.list("v1", "Pod", ref.namespace, labels=labels, metadata_only=True)
+            found = self.run.cluster.list(
+                "v1", "Pod", ref.namespace, labels=labels, metadata_only=True
+            )
             left = {pod["metadata"]["name"] for pod in found}
             if not left:
                 return
             self.drain(ref, labels, left)
         raise ClusterError(
-            f"pods of {ref} did not end within {self.gone_timeout:g} s: {', '.join(sorted(left))}",
+            f"pods of {ref} did not end within {self.limit:g} s: {', '.join(sorted(left))}",
             hint="check whether their machine is reachable:"
             f" kubectl -n {ref.namespace} get pods -o wide",
         )
 
     def drain(self, ref: ObjectRef, labels: Mapping[str, str], left: set[str]) -> None:
         """Watch pods for a while, or until none is left."""
-        for event in self.cluster.watch(
-            "v1", "Pod", ref.namespace, labels=labels, seconds=SLICE, cancel=self.cancel
+        for event in self.run.cluster.watch(
+            "v1", "Pod", ref.namespace, labels=labels, seconds=SLICE, cancel=self.run.options.cancel
         ):
             name = event.object["metadata"]["name"]
             if event.type == "DELETED":
@@ -179,26 +180,25 @@ class Applier:
 
     def wait_until_gone(self, refs: Sequence[ObjectRef]) -> None:
         """Wait until objects that are being deleted no longer exist, for all of them at once."""
-        end, left = time.monotonic() + self.gone_timeout, self.find_ending(refs)
+        end, left = time.monotonic() + self.limit, self.find_ending(refs)
         for live in left:
-            self.report.progress(ref_of(live).name, DELETED)
+            self.run.report.progress(ref_of(live).name, DELETED)
         while left:
             if time.monotonic() > end:
-                held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
                 raise ClusterError(
-                    f"{len(left)} object(s) still exist after {self.gone_timeout:g} s",
+                    f"{len(left)} object(s) still exist after {self.limit:g} s",
                     hint="something still uses them; see kubectl describe",
-                    details=held,
+                    details=[f"{ref_of(live)}: {name_holders(live)} holds it" for live in left],
                 )
             self.go_on()
-            self.cancel.wait(LOOK)
+            self.run.options.cancel.wait(LOOK)
             before, left = left, self.find_ending([ref_of(live) for live in left])
             for ref in set(map(ref_of, before)) - set(map(ref_of, left)):
-                self.report.progress(ref.name, "deleted", done=True)
+                self.run.report.progress(ref.name, "deleted", done=True)
 
     def find_ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
         """Return the objects that exist and are being deleted."""
-        found = filter(None, self.cluster.parallel(self.cluster.get, refs))
+        found = filter(None, self.run.cluster.parallel(self.run.cluster.get, refs))
         return [live for live in found if live["metadata"].get("deletionTimestamp")]
 
     def wait_until_defined(self, steps: Iterable[Step]) -> None:
@@ -206,19 +206,19 @@ class Applier:
         end = time.monotonic() + DEFINED_TIMEOUT
         for step in steps:
             for api_version, kind in list_defined_kinds(step.manifest):
-                while not self.cluster.serves(api_version, kind):
+                while not self.run.cluster.serves(api_version, kind):
                     if time.monotonic() > end:
                         raise ClusterError(f"{step.ref} is not served after {DEFINED_TIMEOUT:g} s")
                     self.go_on()
-                    self.cancel.wait(LOOK)
+                    self.run.options.cancel.wait(LOOK)
 
     def go_on(self) -> None:
         """Raise Interrupted if the user asked to stop."""
-        if self.cancel.is_set():
+        if self.run.options.cancel.is_set():
             raise Interrupted(self.state, hint=self.way_out)
 
 
-def holders(live: Manifest) -> str:
+def name_holders(live: Manifest) -> str:
     """Return what keeps an object that is being deleted."""
     return ", ".join(live["metadata"].get("finalizers") or []) or "something unknown"
 

@@ -1,4 +1,4 @@
-"""A release's life: deploy, diff, history (rollback.py and removal.py have the rest).
+"""A release's life: deploy and history (rollback.py and removal.py have the rest).
 
 Look (survey), refuse what is impossible, take the Lease, write a *pending* revision that names old
 and new objects together, apply, wait, prune, mark the revision good. After an interruption the next
@@ -8,7 +8,7 @@ run finds in the pending revision all that may be left, and completes it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
 from typing import Any
@@ -18,7 +18,7 @@ import attrs
 from rigel_k8s import __version__
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release import lease as leases
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
@@ -26,17 +26,10 @@ from rigel_k8s.release.locking import Held, bury, hold
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals import verdict
 from rigel_k8s.release.refusals.admission import warn_of_obstacles
-from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.wait import Waiter
+from rigel_k8s.release.rollout.wait import wait
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
-from rigel_k8s.release.types import (
-    DeployOptions,
-    Desired,
-    InventoryItem,
-    Plan,
-    ReleaseId,
-    Revision,
-)
+from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
 from rigel_k8s.release.writing import make_namespace
 
 ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease
@@ -48,83 +41,6 @@ class Look:
 
     survey: Survey
     plan: Plan
-
-
-@attrs.frozen(kw_only=True)
-class Run:
-    """What one deploy needs from start to end.
-
-    Attributes:
-        back_to: the revision that it deploys again; None for a deploy.
-        keep: objects that stay as they are.
-        looked: a look that is not older than its caller's last write; None: none yet.
-
-    The others are the arguments of deploy.
-    """
-
-    cluster: Cluster
-    desired: Desired
-    options: DeployOptions
-    patience: Patience = attrs.field(factory=Patience)
-    back_to: int | None = None
-    keep: frozenset[ObjectRef] = frozenset()
-    looked: Look | None = None
-    away: frozenset[str] = frozenset()
-    before: Callable[[Plan], None] | None = None
-    applied: Callable[[], None] | None = None
-    verify: Callable[[], None] | None = None
-
-    @property
-    def release(self) -> ReleaseId:
-        """The release."""
-        return self.desired.release
-
-
-def deploy(
-    desired: Desired,
-    cluster: Cluster,
-    options: DeployOptions,
-    *,
-    patience: Patience | None = None,
-    away: Collection[str] = (),
-    before: Callable[[Plan], None] | None = None,
-    applied: Callable[[], None] | None = None,
-    verify: Callable[[], None] | None = None,
-) -> Revision:
-    """Make a release as desired, wait until it is ready, and return its revision.
-
-    If nothing has changed and the last revision is good, nothing is written, and neither `before`
-    nor `verify` is called.
-
-    Args:
-        away: the names of nodes whose pods are not waited for.
-        before: called with the plan when the Lease is held and nothing is written yet.
-        applied: called when all objects are stored, and only the wait for them remains.
-        verify: called when all is ready and pruned; if it raises, the revision is a failed one.
-
-    Raises:
-        Refused: immutable fields, or objects of another release; nothing was changed.
-        ConflictError: other managers' fields or objects; nothing was changed.
-        RolloutFailed: it was applied and does not become ready.
-        Interrupted: `options.cancel` was set.
-        ClusterError: the cluster refused, does not answer, or another deploy is in progress.
-    """
-    run = Run(
-        cluster=cluster,
-        desired=desired,
-        options=options,
-        patience=patience or Patience(),
-        away=frozenset(away),
-        before=before,
-        applied=applied,
-        verify=verify,
-    )
-    return carry_out(run)
-
-
-def diff(desired: Desired, cluster: Cluster, *, adopt: bool = False) -> Plan:
-    """Return what a deploy would do; nothing is written. Raises like deploy."""
-    return look(cluster, desired, adopt=adopt).plan
 
 
 def look(
@@ -152,21 +68,33 @@ def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
     return good[-1].revision() if good else None
 
 
-def carry_out(run: Run) -> Revision:
-    """Deploy."""
-    options = run.options
-    looked = run.looked or look_now(run)
+def deploy_release(run: Run, looked: Look | None = None) -> Revision:
+    """Make a release as desired, wait until it is ready, and return its revision.
+
+    If nothing has changed and the last revision is good, nothing is written, and neither
+    `run.before` nor `run.verify` is called.
+
+    Args:
+        looked: a look that is not older than the caller's last write; None: none yet.
+
+    Raises:
+        Refused: immutable fields, or objects of another release; nothing was changed.
+        ConflictError: other managers' fields or objects; nothing was changed.
+        RolloutFailed: it was applied and does not become ready.
+        Interrupted: `options.cancel` was set.
+        ClusterError: the cluster refused, does not answer, or another deploy is in progress.
+    """
+    cluster, options = run.cluster, run.options
+    looked = looked or look_now(run)
     last = looked.survey.last
     if last is not None and is_settled(looked):
         if looked.survey.lease is not None:
-            bury(run.cluster, looked.survey.lease, options.report)
+            bury(cluster, looked.survey.lease, run.report)
         return wait_settled(run, looked, last)
     revisions.check_size(new_revision(run, looked))
     if looked.survey.namespace is None and run.desired.create_namespace:
-        make_namespace(run.cluster, run.release.namespace)  # the Lease needs a place
-    with hold(
-        run.cluster, run.release, options.report, options.cancel, patience=options.lock_limit
-    ) as lease:
+        make_namespace(cluster, run.release.namespace)  # the Lease needs a place
+    with hold(cluster, run.release, options) as lease:
         looked = look_again(run, looked)
         last = looked.survey.last
         if last is not None and is_settled(looked):  # another deploy did it meanwhile
@@ -184,7 +112,7 @@ def wait_settled(run: Run, looked: Look, last: Revision) -> Revision:
     if run.applied is not None:
         run.applied()
     live = [step.live for step in looked.plan.steps if step.action == "keep" and step.live]
-    waiter(run, looked.survey, lambda: None).wait(live)
+    wait(run, live, revisions.find_good(looked.survey.history), lambda: None)
     return last
 
 
@@ -220,28 +148,25 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
     found, plan = looked.survey, looked.plan
     report_plan(run, plan)
     for line in warn_of_obstacles(found):
-        run.options.report.warn(line)
+        run.report.warn(line)
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, looked)
     lease.confirm()
     revisions.create(run.cluster, pending)
-    applier = Applier(
-        run.cluster,
-        run.release,
-        run.options.report,
-        run.options.cancel,
-        run.options.adopt,
-        confirm=lease.confirm,
-        until_ready=lambda live: waiter(run, found, lease.check).wait(live),
-        way_out=f"run the same command again to complete it; {choose_way_out(run, found)}",
-    )
+    good = revisions.find_good(found.history)
+
+    def until_ready(live: Sequence[Manifest]) -> None:
+        wait(run, live, good, lease.check)
+
+    way_out = f"run the same command again to complete it; {run.choose_way_out(good)}"
+    applier = Applier(run, confirm=lease.confirm, until_ready=until_ready, way_out=way_out)
     try:
         applied = applier.apply(plan)
         pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))
         if run.applied is not None:
             run.applied()
-        waiter(run, found, lease.check).wait(list(applied.values()))
+        until_ready(list(applied.values()))
         early = {step.ref for step in predecessors(plan)}
         applier.prune(step for step in plan.steps if step.ref not in early)
         if run.verify is not None:
@@ -253,10 +178,10 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
         raise
     kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
     mine = tuple(item for item in pending.inventory if item.ref in kept and item.uid)
-    good = attrs.evolve(pending, status="good", inventory=mine)
-    revisions.update(run.cluster, good)
-    clean_up(run, found, good)
-    return good
+    made = attrs.evolve(pending, status="good", inventory=mine)
+    revisions.update(run.cluster, made)
+    clean_up(run, found, made)
+    return made
 
 
 def new_revision(run: Run, looked: Look) -> Revision:
@@ -320,38 +245,12 @@ def report_plan(run: Run, plan: Plan) -> None:
         if any(step.action == action for step in plan.steps)
     ]
     name = f"{run.release.namespace}/{run.release.name}"
-    run.options.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
+    run.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
     for step in plan.steps:
         if step.action == "forget":
-            run.options.report.warn(
+            run.report.warn(
                 f"{step.ref} is no longer in the Rigelfile; it holds data, so it is kept "
                 f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
             )
     for ref in sorted(run.keep - {step.ref for step in plan.steps}):
-        run.options.report.warn(
-            f"{ref} is missing, and no revision contains it: deploy from the Rigelfile"
-        )
-
-
-def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
-    """Return the object that waits for the release."""
-    return Waiter(
-        run.cluster,
-        run.release,
-        run.options.report,
-        run.options.cancel,
-        run.options.limit,
-        run.patience,
-        choose_way_out(run, found),
-        still_ours,
-        run.away,
-        revisions.find_good(found.history),
-    )
-
-
-def choose_way_out(run: Run, found: Survey) -> str:
-    """Return what else to do after a deploy that failed or was interrupted."""
-    good = revisions.find_good(found.history)
-    if run.back_to is None and good:
-        return f"`rigel rollback` goes back to revision {good}"
-    return "`rigel status` shows its state"
+        run.report.warn(f"{ref} is missing, and no revision contains it: deploy from the Rigelfile")

@@ -29,7 +29,7 @@ from rigel_k8s.release.lease import (
     manifest,
     timestamp,
 )
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.report import Reporter
 
 RENEW = 5.0
@@ -120,24 +120,18 @@ class Held:
 
 
 @contextmanager
-def hold(
-    cluster: Cluster,
-    release: ReleaseId,
-    report: Reporter,
-    cancel: threading.Event,
-    *,
-    patience: float,
-) -> Iterator[Held]:
+def hold(cluster: Cluster, release: ReleaseId, options: DeployOptions) -> Iterator[Held]:
     """Hold a release's Lease.
 
     Args:
-        patience: seconds to wait for another deploy of the release; 0 fails at once.
+        options: `lock_limit` are the seconds to wait for another deploy of the release; 0 fails at
+            once.
 
     Raises:
         ClusterError: another deploy of the release is in progress; names its holder.
         Interrupted: `cancel` was set while we waited.
     """
-    mine = acquire(cluster, lease_ref(release), report, cancel, patience)
+    mine = acquire(cluster, lease_ref(release), options)
     over = threading.Event()
     thread = threading.Thread(target=keep_renewing, args=(mine, over), daemon=True)
     thread.start()
@@ -151,15 +145,13 @@ def hold(
             remove(cluster, mine.lease)
 
 
-def acquire(
-    cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event, patience: float
-) -> Held:
+def acquire(cluster: Cluster, ref: ObjectRef, options: DeployOptions) -> Held:
     """Return the Lease when it is ours.
 
     A conflict may be about a Lease that an earlier request of ours has made.
     """
-    deadline = time.monotonic() + patience
-    while not cancel.is_set():
+    deadline = time.monotonic() + options.lock_limit
+    while not options.cancel.is_set():
         wanted, sent = manifest(ref), time.monotonic()
         try:
             return Held(cluster, cluster.create(wanted), sent)
@@ -167,7 +159,7 @@ def acquire(
             other = cluster.get(ref)
         if other is not None and is_taken_by(other, wanted):
             return Held(cluster, other, sent)
-        dead = None if other is None else outlive(cluster, ref, other, report, cancel, deadline)
+        dead = None if other is None else outlive(cluster, other, options, deadline)
         if dead is None:
             continue
         with suppress(ConflictError, NotFoundError):  # another one was faster: look again
@@ -178,12 +170,7 @@ def acquire(
 
 
 def outlive(
-    cluster: Cluster,
-    ref: ObjectRef,
-    other: dict[str, Any],
-    report: Reporter,
-    cancel: threading.Event,
-    deadline: float,
+    cluster: Cluster, other: dict[str, Any], options: DeployOptions, deadline: float
 ) -> dict[str, Any] | None:
     """Wait for another holder to end; return the Lease that a dead one has left, or None.
 
@@ -192,10 +179,10 @@ def outlive(
     Raises:
         ClusterError: the deadline is over first.
     """
-    uid = other["metadata"]["uid"]
+    ref, uid = ref_of(other), other["metadata"]["uid"]
     now: dict[str, Any] | None = other
     version, seen, reported = "", 0.0, False
-    while now is not None and now["metadata"]["uid"] == uid and not cancel.is_set():
+    while now is not None and now["metadata"]["uid"] == uid and not options.cancel.is_set():
         if now["metadata"]["resourceVersion"] != version:
             version, seen = now["metadata"]["resourceVersion"], time.monotonic()
         alive = is_alive(now)
@@ -203,24 +190,19 @@ def outlive(
             return now
         left = deadline - time.monotonic()
         if left <= 0:
-            raise taken_error(ref, now)
+            raise ClusterError(
+                f"{describe(ref, now)}, and has not ended in time",
+                hint="run it again later; --lock-timeout 30m waits longer",
+            )
         if not reported:
-            report.line(f"{describe(ref, now)}; waiting for its end, {left:.0f} s at most")
+            options.report.line(f"{describe(ref, now)}; waiting for its end, {left:.0f} s at most")
             reported = True
-        cancel.wait(min(LOOK, left))
+        options.cancel.wait(min(LOOK, left))
         asked = time.monotonic()
         now = cluster.get(ref)
         if time.monotonic() - asked > RENEW:
             version = ""
     return None
-
-
-def taken_error(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
-    """Return the error for a Lease that another deploy still holds."""
-    return ClusterError(
-        f"{describe(ref, other)}, and has not ended in time",
-        hint="run it again later; --lock-timeout 30m waits longer",
-    )
 
 
 def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:

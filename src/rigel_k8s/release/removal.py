@@ -1,7 +1,8 @@
 """The end of a release: everything it owns is deleted, except what holds data.
 
 What it owns is in its last revision; what carries its label and our ownership counts too, so that
-claims which an earlier `down` has kept can still be deleted.
+claims which an earlier `down` has kept can still be deleted. It plans, deletes and waits as a
+deploy of nothing, but does not look for refusals and leaves no revision.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
-from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
+from rigel_k8s.release.apply import CLAIMS, Applier
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.survey import belongs, namespace_ref
-from rigel_k8s.release.types import DeployOptions, InventoryItem, Plan, ReleaseId
+from rigel_k8s.release.types import DeployOptions, Desired, InventoryItem, Plan, ReleaseId
 
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.
@@ -41,7 +43,7 @@ def down(cluster: Cluster, release: ReleaseId, options: DeployOptions, *, volume
     """Delete a release's objects and its history; its namespace stays.
 
     Args:
-        options: `timeout` limits the end of the pods; None is GONE_TIMEOUT.
+        options: `timeout` limits the end of the pods.
         volumes: also delete claims and volumes, with their data.
 
     Returns:
@@ -55,18 +57,14 @@ def down(cluster: Cluster, release: ReleaseId, options: DeployOptions, *, volume
         records.append(lease)  # of a deploy that is in progress or was killed
     if not records and not find(cluster, release):
         return Plan(release, ())
-    report, cancel = options.report, options.cancel
-    with hold(cluster, release, report, cancel, patience=options.lock_limit) as held:
+    run = Run(cluster=cluster, desired=Desired(release, ()), options=options)
+    with hold(cluster, release, options) as held:
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         steps = tuple(prunes(items, live, (), release, volumes=volumes))
         applier = Applier(
-            cluster,
-            release,
-            report,
-            cancel,
+            run,
             confirm=held.confirm,
-            gone_timeout=options.timeout or GONE_TIMEOUT,
             state=f"interrupted while {release.name} was being deleted: some of it is deleted",
             way_out="run the same command again to delete the rest",
         )

@@ -1,5 +1,8 @@
 """Going back: an older revision's objects, deployed again as a new revision.
 
+It is the pipeline of a deploy, fed with a revision's objects. It begins at the release, below
+together.py: a revision has no part of a job, whose builder could inspect it.
+
 The next rollback finishes an interrupted one. So it must not take the interrupted one's target for
 the present state.
 """
@@ -13,23 +16,17 @@ import attrs
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import Run, carry_out
+from rigel_k8s.release.deploy import deploy_release
 from rigel_k8s.release.lease import is_alive, lease_ref
-from rigel_k8s.release.rollout.patience import Patience
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId, Revision
 
 Failure = TypeVar("Failure", bound=RigelK8sError)
 
 
 def rollback(
-    cluster: Cluster,
-    release: ReleaseId,
-    number: int | None,
-    options: DeployOptions,
-    *,
-    patience: Patience | None = None,
+    cluster: Cluster, release: ReleaseId, number: int | None, options: DeployOptions
 ) -> Revision:
     """Deploy an older revision's objects again, as a new revision.
 
@@ -55,11 +52,11 @@ def rollback(
         cluster=cluster,
         desired=Desired(release, target.objects, options=target.options),
         options=attrs.evolve(options, description=f"rollback to revision {target.number}"),
-        patience=patience or Patience(),
         back_to=target.number,
-        keep=list_secrets(target),
+        # No revision has the data of Secrets.
+        keep=frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret"),
     )
-    return carry_out(run)
+    return deploy_release(run)
 
 
 def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
@@ -141,8 +138,3 @@ def choose_record(
     numbers = ", ".join(str(record.number) for record in records) or "none"
     what = f"no revision {number}" if number is not None else "no good revision before the last"
     raise UserError(f"{release.name} has {what}", hint=f"see `rigel history`; kept: {numbers}")
-
-
-def list_secrets(target: Revision) -> frozenset[ObjectRef]:
-    """Return the Secrets that stay as they are: no revision has their data."""
-    return frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret")

@@ -17,11 +17,12 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.deploy import Look, Run, carry_out, look
+from rigel_k8s.release.deploy import Look, deploy_release, look
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.locking import bury
 from rigel_k8s.release.refusals.verdict import Refused
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import DeployOptions, Desired, Plan, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
@@ -74,7 +75,7 @@ class Part:
 
     def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
         """Deploy it, and wait until it is ready. Raises as release.deploy."""
-        carry_out(Run(cluster=cluster, desired=self.desired, options=options, looked=looked))
+        deploy_release(Run(cluster=cluster, desired=self.desired, options=options), looked)
 
     def watch(self, cluster: Cluster, options: DeployOptions) -> None:
         """Look at it after all parts were written."""
@@ -115,10 +116,9 @@ class SharedPart(Part):
             cluster=cluster,
             desired=self.desired,
             options=options,
-            looked=looked,
             away=frozenset(self.away),
         )
-        return carry_out(run)
+        return deploy_release(run, looked)
 
 
 @attrs.frozen

@@ -15,35 +15,33 @@ from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this
 from rigel_k8s.kube.failures import Conflict
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import managers, take_over
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.survey import Live, belongs, describe_namespace, describe_owner
 from rigel_k8s.release.types import ReleaseId
 
 TRIES = 10
 
 
-def write(
-    cluster: Cluster, release: ReleaseId, manifest: Manifest, live: Manifest | None, *, adopt: bool
-) -> Live:
+def write(run: Run, manifest: Manifest, live: Manifest | None) -> Live:
     """Apply a manifest and return the resulting object.
 
     Args:
         live: what the plan saw, None for nothing.
-        adopt: take over what other tools have set.
 
     Raises:
         ConflictError: another object exists by now, or other managers own fields.
     """
-    ref = ref_of(manifest)
+    cluster, adopt, ref = run.cluster, run.options.adopt, ref_of(manifest)
     for again in range(TRIES):
         try:
             if live is not None and adopt and managers(live):
                 live = own_all(cluster, ref, live)
-            condition = choose_condition(ref, live, release)
+            condition = choose_condition(ref, live, run.release)
             return cluster.apply(manifest, force=adopt, onto=condition)
         except Conflict as error:
             if error.fields or again == TRIES - 1:
                 raise
-            live = look_again(cluster, ref, live, release)
+            live = look_again(cluster, ref, live, run.release)
     raise AssertionError("the last try returns or raises")
 
 

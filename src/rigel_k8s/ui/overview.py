@@ -59,7 +59,7 @@ class Overview:
 
     def describe(self, view: ReleaseView, now: float) -> Mapping[str, Entries]:
         """Return entries by their group."""
-        around = view.look_around(warnings=True)
+        around = view.look_around()
         records = None
         if SECRET not in view.refused:
             secrets = view.objects[SECRET].values()

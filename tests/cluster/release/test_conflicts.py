@@ -10,11 +10,10 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.deploy import diff
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired, ReleaseId
-from tests.support.releases import deploy, down
+from tests.support.releases import deploy, diff, down
 
 pytestmark = pytest.mark.cluster
 

@@ -20,6 +20,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
+from rigel_k8s.release.types import DeployOptions
 from tests.support.releases import deploy, down
 from tests.support.until import until
 
@@ -117,7 +118,7 @@ def test_a_second_deploy_is_told_who_holds_the_release(
     deploy(make.desired(make.config(a="1")), cluster, report=report)
     wanted = make.desired(make.config(a="2"))
     with (
-        hold(cluster, make.release, report, threading.Event(), patience=0),
+        hold(cluster, make.release, DeployOptions(report=report, lock_timeout=0)),
         pytest.raises(ClusterError, match=f"process {os.getpid()}") as caught,
     ):
         deploy(wanted, cluster, report=report, lock_timeout=0)

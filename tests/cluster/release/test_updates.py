@@ -12,10 +12,10 @@ import pytest
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import diff, find_last_good, history
+from rigel_k8s.release.deploy import find_last_good, history
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.types import Desired, ReleaseId
-from tests.support.releases import deploy, down, rollback
+from tests.support.releases import deploy, diff, down, rollback
 
 pytestmark = pytest.mark.cluster
 

@@ -8,12 +8,11 @@ import pytest
 
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.release import together
-from rigel_k8s.release.deploy import diff
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.types import DeployOptions
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import config, desired, ref, workload
-from tests.support.releases import deploy
+from tests.support.releases import deploy, diff
 
 TALKER = ref("Deployment", "talker")
 

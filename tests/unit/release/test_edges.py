@@ -14,15 +14,15 @@ from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import IMAGE_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.deploy import diff, history
+from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout import standing, wait
 from rigel_k8s.release.rollout.patience import Patience
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
-from tests.support.releases import deploy, down, rollback
+from tests.support.releases import deploy, diff, down, make_run, rollback
 
 LEASE = lease_ref(RELEASE)
 HOLD = "example.com/hold"
@@ -187,7 +187,7 @@ def test_an_object_that_is_ending_is_waited_for(fake: Any, report: Recorder) -> 
     deploy(desired(held), fake, report=report)
     fake.delete(ref("ConfigMap", "c"))
     plan = diff(desired(held), fake)
-    impatient = Applier(fake, RELEASE, report, threading.Event(), gone_timeout=0.05)
+    impatient = Applier(make_run(desired(), fake, report=report, timeout=0.05))
     with pytest.raises(ClusterError, match=r"1 object\(s\) still exist") as caught:
         impatient.apply(plan)
     assert caught.value.details == (f"ConfigMap n/c: {HOLD} holds it",)
@@ -212,7 +212,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wait, "EXPLAIN", 0.01)
     monkeypatch.setattr(wait, "LOOK", 0.01)
     monkeypatch.setattr(wait, "QUIET", 0.0)
-    monkeypatch.setattr(wait, "GRACE", 0.3)
+    monkeypatch.setattr(standing, "GRACE", 0.3)
 
 
 def test_what_is_optional_may_crash(fake: Any, report: Recorder, quick: None) -> None:

@@ -12,12 +12,11 @@ import pytest
 from rigel_k8s.errors import ClusterError, ConflictError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.deploy import diff
 from rigel_k8s.release.refusals.trials import choose_trials, contains
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, desired, workload
-from tests.support.releases import deploy
+from tests.support.releases import deploy, diff
 
 POD_SECURITY = (
     'pods "talker-x7k" is forbidden: violates PodSecurity "restricted:latest": runAsNonRoot != true'

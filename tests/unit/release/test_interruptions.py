@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import diff, history
+from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
 from rigel_k8s.release.types import Desired, Plan, Revision
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store
 from tests.support.manifests import RELEASE, claim, config, desired, workload
 from tests.support.recorder import Recorder
-from tests.support.releases import deploy, down, rollback
+from tests.support.releases import deploy, diff, down, rollback
 
 LEASE = lease_ref(RELEASE)
 VOLUME = {

@@ -15,6 +15,7 @@ from rigel_k8s.kube.target import Target
 from rigel_k8s.release import locking
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
+from rigel_k8s.release.types import DeployOptions
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.manifests import RELEASE, config
 from tests.support.recorder import Recorder
@@ -72,7 +73,7 @@ def write_late(server: HttpServer) -> None:
     """Apply an object with the Lease held."""
     with Cluster(Target(server.url)) as cluster:
         cluster.endure(lambda _: None, threading.Event())
-        with hold(cluster, RELEASE, Recorder(), threading.Event(), patience=0):
+        with hold(cluster, RELEASE, DeployOptions(report=Recorder(), lock_timeout=0)):
             cluster.apply(config())
 
 

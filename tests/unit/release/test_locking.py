@@ -15,7 +15,7 @@ from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import PROCESS, is_alive, lease_ref, process
 from rigel_k8s.release.locking import hold
-from rigel_k8s.release.types import Plan
+from rigel_k8s.release.types import DeployOptions, Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
@@ -167,14 +167,14 @@ def test_a_lease_that_was_made_by_a_request_in_conflict_is_ours(
     fake: FakeCluster, report: Any
 ) -> None:
     """Otherwise the process would wait for its own end (bench.chaos, seed 11212)."""
-    with hold(Conflicting(fake.store), RELEASE, report, threading.Event(), patience=0):
+    with hold(Conflicting(fake.store), RELEASE, DeployOptions(report=report, lock_timeout=0)):
         assert LEASE in fake.objects
     assert LEASE not in fake.objects
 
 
 def test_a_renewal_whose_answer_was_lost_is_ours(fake: FakeCluster, report: Any) -> None:
     """The version is another one, the holder is not; when it arrived is not known."""
-    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
+    with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
         fake.patch(LEASE, {"spec": {"renewTime": "later"}})
         mine.renew()
         mine.check()
@@ -183,7 +183,7 @@ def test_a_renewal_whose_answer_was_lost_is_ours(fake: FakeCluster, report: Any)
 
 def test_a_lease_that_was_taken_unnoticed_is_not_removed(fake: FakeCluster, report: Any) -> None:
     """It has the same UID: who takes a Lease over writes the same object."""
-    with hold(fake, RELEASE, report, threading.Event(), patience=0):
+    with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)):
         take_over(fake)
     assert fake.objects[LEASE]["spec"]["holderIdentity"] == "ann@far"
 
@@ -203,7 +203,7 @@ def test_a_renewal_that_fails_is_not_a_loss(
 
     monkeypatch.setattr(locking, "SURE", 0.0)
     monkeypatch.setattr(locking, "RENEW", 0.01)
-    with hold(Away(fake.store), RELEASE, report, threading.Event(), patience=0) as mine:
+    with hold(Away(fake.store), RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
         Away.away = True
         with pytest.raises(ClusterError, match="does not answer"):
             mine.confirm()
@@ -242,7 +242,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
     """The renewal finds another version, or none."""
     monkeypatch.setattr(locking, "RENEW", 0.01)
     other = fake.as_manager("other")
-    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
+    with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
         assert not mine.lost.is_set()
         fake.store.objects.pop(LEASE)
         if how == "taken over":
@@ -258,7 +258,7 @@ def test_a_lease_is_renewed_and_given_back(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(locking, "RENEW", 0.01)
-    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
+    with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
         first = fake.objects[LEASE]["metadata"]["resourceVersion"]
         until(
             lambda: fake.objects[LEASE]["metadata"]["resourceVersion"] != first,
@@ -306,7 +306,7 @@ def test_a_time_without_answers_does_not_count(
     monkeypatch.setattr(locking, "LOOK", 0.001)
     fake.create(manifest("ann@far"))
     cluster = Outage(fake.store, clock=clock)
-    with hold(cluster, RELEASE, report, threading.Event(), patience=300):
+    with hold(cluster, RELEASE, DeployOptions(report=report, lock_timeout=300)):
         assert ("replace", LEASE) not in fake.calls
     assert cluster.looks == 6
 

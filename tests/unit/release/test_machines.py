@@ -7,11 +7,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.release.deploy import diff
 from rigel_k8s.release.refusals.machines import find_homeless
 from rigel_k8s.release.refusals.verdict import Refused
 from tests.support.manifests import desired, workload
-from tests.support.releases import deploy
+from tests.support.releases import deploy, diff
 
 HOST = "kubernetes.io/hostname"
 

@@ -2,96 +2,90 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any, cast
 
 import attrs
-import pytest
 
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, is_optional
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION, is_optional
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.causes import Cause
-from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.readiness import ObjectReadiness
-from rigel_k8s.release.rollout.wait import GRACE, Waiter
+from rigel_k8s.release.rollout.patience import Ledger, Patience
+from rigel_k8s.release.rollout.standing import GRACE, Standing
+from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.status import WorkloadStatus
-from rigel_k8s.release.types import ReleaseId
+from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import make_run
 
-NEEDED = ObjectRef("apps/v1", "Deployment", "robots", "talker")
-EXTRA = ObjectRef("apps/v1", "Deployment", "robots", "ros-exporter")
-
-
-@pytest.fixture
-def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The clock; the test sets it."""
-    clock = [1000.0]
-    monkeypatch.setattr(wait.time, "monotonic", lambda: clock[0])
-    return clock
+NEEDED, EXTRA = ref("Deployment", "talker"), ref("Deployment", "ros-exporter")
 
 
-def waiter(told: Recorder, remedy: str = "") -> Waiter:
-    made = Waiter(
-        cast(Any, None),
-        ReleaseId("robots", "app"),
-        cast(Any, told),
-        threading.Event(),
-        60.0,
-        Patience(),
-        "",
-        lambda: None,
-    )
-    made.optional = {EXTRA: remedy}
-    made.states[EXTRA] = ObjectReadiness(False, True, "0 of 1 ready")
-    return made
+def place(*names: str, remedy: str = "") -> Standing:
+    """Return how far these and an optional workload are before the first look."""
+    notes = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: remedy}
+    wanted = {ref("Deployment", name): workload(name) for name in names}
+    return Standing({**wanted, EXTRA: workload(EXTRA.name, **notes)})
 
 
-def test_what_is_needed_is_waited_for_whatever_else_there_is(now: list[float]) -> None:
-    told = Recorder()
-    made = waiter(told)
-    assert not made.is_enough([NEEDED, EXTRA])
-    now[0] += 10 * GRACE
-    assert not made.is_enough([NEEDED])
-    assert told.warnings == []
+def look(standing: Standing, now: float, *ready: ObjectRef) -> bool:
+    """Look at them, and return whether the wait is over."""
+    live = {
+        one: {
+            **workload(one.name),
+            "metadata": {**workload(one.name)["metadata"], "uid": one.name},
+            "status": {"replicas": 1, "updatedReplicas": 1, "availableReplicas": int(one in ready)},
+        }
+        for one in standing.targets
+    }
+    standing.look(live, Surroundings(), now)
+    return standing.is_enough(now)
 
 
-def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float]) -> None:
-    told = Recorder()
-    made = waiter(told)
-    now[0] += 10 * GRACE
-    assert not made.is_enough([EXTRA])
-    now[0] += GRACE - 1
-    assert not made.is_enough([EXTRA])
-    now[0] += 2
-    assert made.is_enough([EXTRA])
+def account(standing: Standing, told: Recorder) -> Account:
+    run = make_run(desired(), cast(Any, None), report=told)
+    return Account(run, standing, 0, Ledger(Patience()))
+
+
+def test_what_is_needed_is_waited_for_whatever_else_there_is() -> None:
+    standing = place("talker")
+    assert not look(standing, 1000)
+    assert not look(standing, 1000 + 10 * GRACE)
+    assert not look(standing, 1000 + 20 * GRACE, EXTRA)
+
+
+def test_what_is_optional_has_its_while_once_all_else_is_ready() -> None:
+    standing, told = place("talker"), Recorder()
+    assert not look(standing, 1000)
+    assert not look(standing, 2000, NEEDED)
+    assert not look(standing, 2000 + GRACE - 1, NEEDED)
+    assert look(standing, 2000 + GRACE, NEEDED)
+    account(standing, told).leave_behind()
     assert told.states == [("ros-exporter", "", True)], "no row beside the warning"
     assert told.warnings == [
-        "ros-exporter is not ready: 0 of 1 ready; app runs without it;"
+        "ros-exporter is not ready: 0 of 1 ready; demo runs without it;"
         " `rigel status` shows its state"
     ]
 
 
-def test_its_remedy_is_told_where_it_has_one(now: list[float]) -> None:
-    told = Recorder()
-    made = waiter(told, "do that")
-    made.is_enough([EXTRA])
-    now[0] += GRACE + 1
-    assert made.is_enough([EXTRA])
-    assert told.warnings[0].endswith("app runs without it; do that")
+def test_its_remedy_is_told_where_it_has_one() -> None:
+    standing, told = place(remedy="do that"), Recorder()
+    look(standing, 1000)
+    account(standing, told).leave_behind()
+    assert told.warnings[0].endswith("demo runs without it; do that")
 
 
-def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) -> None:
-    made = waiter(Recorder())
-    assert not made.is_enough([EXTRA])
-    now[0] += GRACE + 1
-    assert not made.is_enough([NEEDED, EXTRA])
-    assert not made.is_enough([EXTRA])
+def test_its_while_begins_anew_when_a_needed_one_falls_back() -> None:
+    standing = place("talker")
+    assert not look(standing, 1000, NEEDED)
+    assert not look(standing, 1000 + 2 * GRACE)
+    assert not look(standing, 1001 + 2 * GRACE, NEEDED)
 
 
-def test_nothing_is_told_where_it_is_ready_in_time(now: list[float]) -> None:
-    told = Recorder()
-    assert waiter(told).is_enough([])
+def test_nothing_is_told_where_it_is_ready_in_time() -> None:
+    standing, told = place(), Recorder()
+    assert look(standing, 1000, EXTRA)
+    account(standing, told).leave_behind()
     assert told.warnings == []
 
 
@@ -107,13 +101,16 @@ def test_status_is_good_without_it() -> None:
     assert attrs.evolve(plain, annotations={OPTIONAL_ANNOTATION: "true"}).ok
 
 
-def test_of_two_causes_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_two_causes_one_is_shown() -> None:
     """Two that hold at a time would take turns as the present state, a line each half second."""
-    shown: list[str] = []
-    made = waiter(Recorder())
-    causes = [(NEEDED, Cause("image", "cannot be pulled")), (NEEDED, Cause("mount", "no file"))]
-    monkeypatch.setattr(Waiter, "find_causes", lambda *_: iter(causes))
-    monkeypatch.setattr(Waiter, "show", lambda _, ref, text, **__: shown.append(text))
-    made.look_for_causes(cast(Any, None), {}, 1000.0)
-    made.look_for_causes(cast(Any, None), {}, 1001.0)
-    assert set(shown) == {"cannot be pulled"}
+    told = Recorder()
+    causes = [Cause("image", "cannot be pulled"), Cause("mount", "no file")]
+
+    class Wrong(Standing):
+        def find_causes(self) -> Any:
+            return ((NEEDED, cause) for cause in causes)
+
+    made = account(Wrong({NEEDED: workload()}), told)
+    made.note_causes(1000.0)
+    made.note_causes(1001.0)
+    assert told.states == [("talker", "cannot be pulled", False)]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.deploy import diff
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import RELEASE, config, desired, ref, workload
-from tests.support.releases import deploy
+from tests.support.manifests import config, desired, ref, workload
+from tests.support.releases import deploy, diff, make_run
 
 
 def test_fields_of_another_manager_are_refused(fake: FakeCluster, report: Any) -> None:
@@ -66,7 +64,7 @@ def test_who_owns_what_is_read_again_where_it_changed_meanwhile(
     fake.as_manager("kubectl").create(config(k="1", extra="theirs"))
     plan = diff(desired(config(k="1")), fake, adopt=True)
     fake.as_manager("kubectl").patch(ref("ConfigMap", "c"), {"data": {"more": "theirs"}})
-    Applier(fake, RELEASE, report, threading.Event(), adopt=True).apply(plan)
+    Applier(make_run(desired(), fake, report=report, adopt=True)).apply(plan)
     assert fake.objects[ref("ConfigMap", "c")]["data"] == {"k": "1"}
 
 
@@ -76,7 +74,7 @@ def test_an_object_made_anew_after_the_plan_is_not_pruned(fake: FakeCluster, rep
     plan = diff(desired(config("a")), fake)
     fake.delete(ref("ConfigMap", "b"))
     fake.as_manager("argo").create(config("b", theirs="1"))
-    Applier(fake, RELEASE, report, threading.Event()).prune(plan.steps)
+    Applier(make_run(desired(), fake, report=report)).prune(plan.steps)
     assert fake.objects[ref("ConfigMap", "b")]["data"] == {"theirs": "1"}
     (warning,) = report.warnings
     assert warning == "ConfigMap n/b was replaced by another program meanwhile: left alone"

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.rollout.causes import Cause, causes, pods_of, probe_failure
+from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.readiness import readiness, readiness_without
+from rigel_k8s.release.rollout.surroundings import look_around, pods_of
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
 OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")
@@ -257,6 +258,19 @@ def test_the_last_probe_failure_is_the_reason() -> None:
     assert probe_failure(pod(), []) == ""
 
 
+def test_the_events_of_a_claim_tell_why_it_has_no_volume() -> None:
+    """Its pod shows only that it waits for one."""
+    text = "0/1 nodes are available: pod has unbound immediate PersistentVolumeClaims."
+    waits = pod(conditions=[{"type": "PodScheduled", "status": "False", "message": text}])
+    waits["spec"]["volumes"] = [{"name": "d", "persistentVolumeClaim": {"claimName": "data"}}]
+    about = {"kind": "PersistentVolumeClaim", "name": "data", "uid": "uid-c"}
+    words = event("", "ProvisioningFailed", 'storageclass "x" not found')
+    around = look_around([], [waits], [{**words, "involvedObject": about}])
+    [found] = causes(live("Deployment", {}), [waits], around.list_events(waits))
+    message = 'claim data has no volume: storageclass "x" not found'
+    assert (found.kind, found.message) == ("claim", message)
+
+
 def test_a_quota_is_in_the_deployments_condition_or_the_owners_events() -> None:
     """No pod shows up."""
     failing = {"type": "ReplicaFailure", "status": "True", "message": "exceeded quota"}
@@ -346,12 +360,14 @@ def test_a_cause_is_new_once_and_hopeless_after_its_time() -> None:
     """Told at once, given up later; one that goes away and comes back starts anew."""
     ledger = Ledger(Patience(image=15))
     image = Cause("image", "not found")
-    assert len(ledger.note(0, [(REF, image)], others_coming=False)) == 1
-    assert ledger.note(10, [(REF, image)], others_coming=False) == []
+    [seen], passed = ledger.note(0, [(REF, image)], others_coming=False)
+    assert passed == []
+    assert ledger.note(10, [(REF, image)], others_coming=False) == ([], [])
     assert list(ledger.find_hopeless(14)) == []
     assert [seen.ref for seen in ledger.find_hopeless(15)] == [REF]
-    ledger.note(20, [], others_coming=False)
-    assert len(ledger.note(21, [(REF, image)], others_coming=False)) == 1
+    assert ledger.note(20, [], others_coming=False) == ([], [seen])
+    fresh, _ = ledger.note(21, [(REF, image)], others_coming=False)
+    assert len(fresh) == 1
     assert list(ledger.find_hopeless(30)) == []
 
 
@@ -376,5 +392,5 @@ def test_a_container_that_runs_at_the_moment_is_not_given_up() -> None:
     assert list(ledger.find_hopeless(30)) == []
     ledger.note(35, [], others_coming=False, unsteady={REF})
     assert list(ledger.find_hopeless(35)) == []
-    assert ledger.note(40, [(REF, crash())], others_coming=False) == []
+    assert ledger.note(40, [(REF, crash())], others_coming=False) == ([], [])
     assert len(list(ledger.find_hopeless(40))) == 1

@@ -13,13 +13,13 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import diff, find_last_good, history
+from rigel_k8s.release.deploy import find_last_good, history
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, claim, config, workload
-from tests.support.releases import deploy, down, rollback
+from tests.support.releases import deploy, diff, down, rollback
 
 
 def test_the_order_of_writes(fake: Any, report: Any) -> None:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
-from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.crashes import STEADY
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.view import ReleaseView
-from rigel_k8s.release.rollout.wait import Waiter
+from rigel_k8s.release.rollout.standing import Standing
+from rigel_k8s.release.rollout.surroundings import look_around
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import RELEASE, desired, ref, workload
+from tests.support.manifests import desired, ref, workload
 from tests.support.releases import deploy
 
 TALKER = ref("Deployment", "talker")
@@ -35,46 +33,29 @@ def restarted(count: int) -> Callable[[dict[str, Any]], dict[str, Any]]:
     return kubelet
 
 
-def waiter(fake: FakeCluster, report: Any) -> Waiter:
-    made = Waiter(
-        fake,
-        RELEASE,
-        report,
-        threading.Event(),
-        60,
-        Patience(),
-        "",
-        lambda: None,  # type: ignore[arg-type]
-    )
-    made.rolling.add(TALKER)
-    return made
-
-
-def view(fake: FakeCluster) -> ReleaseView:
-    """Return a view that has seen what is there."""
-    found = ReleaseView(fake, "n", 1)  # type: ignore[arg-type]
-    for live in fake.objects.values():
-        found.objects[live["apiVersion"], live["kind"]][ref_of(live)] = live
-    return found
-
-
-def test_ready_between_two_crashes_is_not_ready(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
     """Each crash begins the while again."""
-    clock = [1000.0]
-    monkeypatch.setattr(wait.time, "monotonic", lambda: clock[0])
     fake.apply(workload())
-    targets = {TALKER: fake.objects[TALKER]}
-    made = waiter(fake, report)
+    standing, now = Standing({TALKER: fake.objects[TALKER]}), 1000.0
+    standing.rolling.add(TALKER)
+
+    def look() -> bool:
+        of_kind = {
+            kind: [live for live in fake.objects.values() if live["kind"] == kind]
+            for kind in ("ReplicaSet", "Pod")
+        }
+        around = look_around(of_kind["ReplicaSet"], of_kind["Pod"])
+        standing.look({TALKER: fake.objects[TALKER]}, around, now)
+        return standing.is_ready(TALKER)
+
     for crashes in (1, 2):
         fake.store.controllers = Controllers(restarted(crashes))
         fake.settle()
-        assert not made.all_ready(view(fake), targets)
-        clock[0] += STEADY - 1
-        assert not made.all_ready(view(fake), targets)
-    clock[0] += 2
-    assert made.all_ready(view(fake), targets)
+        assert not look()
+        now += STEADY - 1
+        assert not look()
+    now += 2
+    assert look()
 
 
 def test_a_workload_that_crashes_is_told_with_its_last_words(

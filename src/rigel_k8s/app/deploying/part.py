@@ -14,8 +14,9 @@ from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.preflight.examine import inspect
-from rigel_k8s.release.deploy import Look, Run, carry_out
+from rigel_k8s.release.deploy import Look, deploy_release
 from rigel_k8s.release.rollback import find_target, undo
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.together import Inspection, Part, PartLook
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
@@ -81,13 +82,12 @@ class ApplicationPart(Part):
             cluster=cluster,
             desired=self.desired,
             options=options,
-            looked=looked,
             before=watch.begin if readable else None,
             applied=self.applied.set,
             verify=watch.insist if self.limit else None,
         )
         try:
-            revision = carry_out(run)
+            revision = deploy_release(run, looked)
         except RolloutFailed as failure:
             if not self.settings.rollback_on_failure:
                 raise

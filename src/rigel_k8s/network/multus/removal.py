@@ -20,8 +20,9 @@ from rigel_k8s.network.multus.installation import Installation
 from rigel_k8s.network.multus.interfaces import requests_of
 from rigel_k8s.network.multus.proving import forget
 from rigel_k8s.network.options import Install
-from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.deploy import deploy_release
 from rigel_k8s.release.removal import down
+from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 
@@ -64,7 +65,13 @@ def remove(
     installation = attrs.evolve(find(cluster, requested), retired=True)
     check_use(cluster, installation, options.report, force=force)
     retiring = attrs.evolve(options, adopt=True, description="network: about to be removed")
-    deploy(find_release(cluster, installation), cluster, retiring, away=installation.away)
+    run = Run(
+        cluster=cluster,
+        desired=find_release(cluster, installation),
+        options=retiring,
+        away=frozenset(installation.away),
+    )
+    deploy_release(run)
     if installation.away:
         options.report.warn(
             f"after it is back, {', '.join(installation.away)} cannot start pods until you run"

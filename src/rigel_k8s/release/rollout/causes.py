@@ -1,6 +1,7 @@
 """Why a workload is not ready: from its pods, its owner's conditions and the events; pure.
 
-Every cause has a kind; patience.py defines how long each kind may last.
+Every cause has a kind: docs/errors.md is generated from these, and patience.py defines how long
+each may last.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.kinds import Kind
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach
 from rigel_k8s.objects.refs import Manifest
 
@@ -31,6 +33,33 @@ EVENTS = {
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
 #: What a runtime says of a probe in a container that has exited.
 EXITED = re.compile(r"CONTAINER_EXITED|no running task|container is not running")
+CAUSES: Mapping[str, Kind] = {
+    "image": Kind(
+        "the image cannot be pulled",
+        "push it, correct its name, or give the namespace a pull secret",
+    ),
+    "image-name": Kind("the image's name is malformed", "correct `image`"),
+    "start": Kind(
+        "the container cannot be created, for example because a Secret or a program is missing",
+        "create what the message names",
+    ),
+    "crash": Kind("the container ends again and again", "read its log: `rigel logs -p NODE`"),
+    "restarted": Kind("the container has ended once and runs again", "read its log"),
+    "unschedulable": Kind(
+        "no machine accepts the pod", "change `placement`, `resources` or the machines' taints"
+    ),
+    "claim": Kind("a claim is not bound", "check its StorageClass and size"),
+    "quota": Kind("a quota prevents further pods", "request less, or have it raised"),
+    "mount": Kind("a volume cannot be mounted", "read the event in the message"),
+    "sandbox": Kind(
+        "the pod's network cannot be set up", "check Multus and the CNI on that machine"
+    ),
+    "evicted": Kind("the machine has evicted the pod", "free memory or disk space there"),
+    "failed": Kind("the pod or the Job has failed for good", "read its log"),
+    "away": Kind(
+        "Kubernetes cannot reach the machine", "switch it on; pinned pods continue when it is back"
+    ),
+}
 
 
 @attrs.frozen
@@ -38,8 +67,7 @@ class Cause:
     """One reason why a workload is not ready.
 
     Attributes:
-        kind: image, image-name, start, crash, restarted, unschedulable, claim, quota, mount,
-            sandbox, evicted, failed or away.
+        kind: one of CAUSES.
         pod: the pod that shows it, "" if none is the cause.
         previous: its log is that of the container's life before the last restart.
     """
@@ -54,53 +82,6 @@ class Cause:
     def key(self) -> tuple[str, str]:
         """What identifies the cause when it is seen again, perhaps on another pod."""
         return ("crash" if self.kind == "restarted" else self.kind, self.container)
-
-
-def pods_of(
-    workload: Manifest, replica_sets: Iterable[Manifest], pods: Iterable[Manifest]
-) -> list[Manifest]:
-    """Return the pods of a workload's newest template, as far as its kind shows them."""
-    uid = workload["metadata"]["uid"]
-    if workload["kind"] == "Pod":
-        return [pod for pod in pods if pod["metadata"]["uid"] == uid]
-    owners = {uid}
-    if workload["kind"] == "Deployment":
-        owners = {rs["metadata"]["uid"] for rs in find_newest(workload, replica_sets)}
-    found = [pod for pod in pods if owner(pod) in owners]
-    label, newest = newest_template(workload)
-    if not newest:
-        return found
-    return [pod for pod in found if (pod["metadata"].get("labels") or {}).get(label) == newest]
-
-
-def newest_template(workload: Manifest) -> tuple[str, str]:
-    """Return a label of a workload's pods and its newest value, "" if its kind has none."""
-    if workload["kind"] == "StatefulSet":
-        revision = (workload.get("status") or {}).get("updateRevision")
-        return "controller-revision-hash", str(revision or "")
-    if workload["kind"] == "DaemonSet":
-        notes = workload["metadata"].get("annotations") or {}
-        generation = notes.get("deprecated.daemonset.template.generation")
-        return "pod-template-generation", str(generation or "")
-    return "", ""
-
-
-def find_newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
-    """Yield the ReplicaSet of a Deployment's newest template."""
-    note = "deployment.kubernetes.io/revision"
-    number = (deployment["metadata"].get("annotations") or {}).get(note)
-    for replica_set in replica_sets:
-        notes = replica_set["metadata"].get("annotations") or {}
-        if owner(replica_set) == deployment["metadata"]["uid"] and notes.get(note) == number:
-            yield replica_set
-
-
-def owner(live: Manifest) -> str:
-    """Return the UID of the controller that owns an object, "" for none."""
-    for reference in live["metadata"].get("ownerReferences") or []:
-        if reference.get("controller"):
-            return str(reference["uid"])
-    return ""
 
 
 def causes(
@@ -148,7 +129,7 @@ def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     for condition in status.get("conditions") or []:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
-            yield explain_scheduling(str(condition.get("message", "")), name)
+            yield explain_scheduling(str(condition.get("message", "")), name, events)
     if status.get("phase") == "Failed":
         reason = status.get("message") or status.get("reason") or "see its log"
         evicted = status.get("reason") == "Evicted"
@@ -168,11 +149,15 @@ def explain_loss(pod: Manifest) -> Cause:
     return Cause("away", message, pod["metadata"]["name"])
 
 
-def explain_scheduling(message: str, pod: str) -> Cause:
-    """Return why the scheduler finds no machine."""
-    lowered = message.lower()
-    if "persistentvolumeclaim" in lowered:
-        return Cause("claim", f"a claim has no volume: {message}", pod)
+def explain_scheduling(message: str, pod: str, events: Iterable[Manifest]) -> Cause:
+    """Return why the scheduler finds no machine; the events of a claim say more about that."""
+    if "persistentvolumeclaim" in message.lower():
+        what = f"a claim has no volume: {message}"
+        for event in events:
+            about = event["involvedObject"]
+            if about.get("kind") == "PersistentVolumeClaim":
+                what = f"claim {about['name']} has no volume: {event.get('message', '')}"
+        return Cause("claim", what, pod)
     return Cause("unschedulable", f"no machine can run the pod: {message}", pod)
 
 
@@ -271,19 +256,6 @@ def find_events(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]
     """Yield the events about a pod."""
     uid = pod["metadata"]["uid"]
     return (event for event in events if event["involvedObject"].get("uid") == uid)
-
-
-def index_events(events: Iterable[Manifest]) -> dict[str, list[Manifest]]:
-    """Return events by the UID of their object: a thousand pods must not read all of them."""
-    found: dict[str, list[Manifest]] = {}
-    for event in events:
-        found.setdefault(event["involvedObject"].get("uid", ""), []).append(event)
-    return found
-
-
-def choose_events(events: Mapping[str, Sequence[Manifest]], *objects: Manifest) -> list[Manifest]:
-    """Return the events about some objects, out of those that are indexed."""
-    return [event for live in objects for event in events.get(live["metadata"]["uid"], ())]
 
 
 def containers(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -1,18 +1,29 @@
-"""Which workloads crashed lately: those without probes look ready in between.
+"""Which workloads have crashed: those without probes look ready in between.
 
-Pure: the time is passed in.
+The kubelet checks its containers once a second and then reports them, so one that has crashed is
+Running and Ready for a second and, on a busy machine, longer. A workload counts as ready when no
+container of it has ended for a while. One without probes is also looked at in the stream of its
+log: the container runtime ends that with the container.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import attrs
 
 from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.steady import find_unprobed
 from rigel_k8s.release.rollout.causes import containers
 
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
 STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
+KINDS = ("Deployment", "DaemonSet", "StatefulSet")
+LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on an overloaded machine
+WIDTH = 32  # checks at the same time: each does nothing but wait
 
 
 @attrs.define
@@ -43,3 +54,43 @@ def count_crashes(pod: Manifest) -> int:
     states = containers(pod.get("status") or {})
     ended = sum(1 for c in states if (c.get("state") or {}).get("terminated", {}).get("exitCode"))
     return ended + sum(int(c.get("restartCount", 0)) for c in states)
+
+
+@attrs.frozen
+class Unprobed:
+    """A container of a workload's pod that is ready because it runs."""
+
+    workload: ObjectRef
+    pod: str
+    container: str
+    uid: str  # of the pod
+
+
+def find_unprobed_in(
+    workload: ObjectRef, pods: Iterable[Manifest], away: Collection[str] = ()
+) -> Iterator[Unprobed]:
+    """Yield the containers without probes in those of a workload's pods that will stay.
+
+    Args:
+        away: machines whose pods are left out.
+    """
+    for pod in pods:
+        meta, spec = pod["metadata"], pod["spec"]
+        leaves = meta.get("deletionTimestamp") or spec.get("nodeName") in away
+        if workload.kind in KINDS and not leaves:
+            for name in find_unprobed(spec):
+                yield Unprobed(workload, meta["name"], name, meta["uid"])
+
+
+def find_ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
+    """Return the workloads with a container that does not run, checking all of them at once.
+
+    If logs may not be read, none counts as ended.
+    """
+
+    def look(one: Unprobed) -> bool:
+        return cluster.runs(one.workload.namespace, one.pod, one.container, seconds=LOOK)
+
+    known = list(suspects)
+    alive = cluster.parallel(look, known, width=WIDTH)
+    return {one.workload for one, runs in zip(known, alive, strict=True) if not runs}

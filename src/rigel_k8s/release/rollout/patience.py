@@ -46,11 +46,16 @@ class Patience:
 
 @attrs.define
 class Seen:
-    """A cause of a workload since it was first seen."""
+    """A cause of a workload since it was first seen.
+
+    Attributes:
+        lines: what is reported of it if it passes; none if it has been reported.
+    """
 
     ref: ObjectRef
     cause: Cause
     since: float
+    lines: list[str] = attrs.field(factory=list)
 
 
 @attrs.define
@@ -69,8 +74,8 @@ class Ledger:
         *,
         others_coming: bool,
         unsteady: Collection[ObjectRef] = (),
-    ) -> list[Seen]:
-        """Note the present causes; return the new ones.
+    ) -> tuple[list[Seen], list[Seen]]:
+        """Note the present causes; return the new ones, and those that have passed.
 
         Args:
             unsteady: workloads that run at the moment and have crashed before: what was wrong with
@@ -80,7 +85,7 @@ class Ledger:
         if others_coming:
             self.busy = now
         found = {(ref, cause.key): (ref, cause) for ref, cause in current}
-        fresh = []
+        fresh, passed = [], []
         for key, (ref, cause) in found.items():
             if key in self.seen:
                 self.seen[key].cause = cause
@@ -89,11 +94,15 @@ class Ledger:
                 fresh.append(self.seen[key])
         for key, seen in list(self.seen.items()):
             if key not in found and seen.ref not in unsteady:
-                del self.seen[key]
+                passed.append(self.seen.pop(key))
             elif key not in found:
                 seen.cause = attrs.evolve(seen.cause, kind="restarted")
         self.refs = frozenset(seen.ref for seen in self.seen.values())
-        return fresh
+        return fresh, passed
+
+    def of(self, ref: ObjectRef) -> list[Seen]:
+        """Return the causes of one workload."""
+        return [seen for seen in self.seen.values() if seen.ref == ref]
 
     def find_hopeless(self, now: float) -> Iterator[Seen]:
         """Yield the causes that have lasted too long."""

@@ -66,11 +66,11 @@ def readiness_without(
     Args:
         newest: its pods of the newest template.
         pods: all of its pods.
-        away: the names of the machines whose pods are not waited for.
+        away: the names of the machines whose pods are not waited for; it may be empty.
     """
     state = readiness(live)
     settling = is_ending(live) or state.message == UNSEEN
-    if state.done or settling or live["kind"] not in REPLICATED:
+    if not away or state.done or settling or live["kind"] not in REPLICATED:
         return state
     lost = [pod["spec"]["nodeName"] for pod in pods if pod["spec"].get("nodeName") in away]
     wanted = max(state.wanted - len(set(lost) if live["kind"] == "DaemonSet" else lost), 0)

@@ -6,12 +6,11 @@ All of it is indexed once for each look: a thousand workloads must not search al
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import attrs
 
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.rollout.causes import choose_events, index_events, owner, pods_of
 
 
 @attrs.frozen
@@ -21,12 +20,12 @@ class Surroundings:
     Attributes:
         sets: ReplicaSets by their owner.
         pods: by their owner, and those without one under their own UID.
-        events: warnings by their object.
+        events: warnings by their object, those about claims by the claim's name.
     """
 
-    sets: Mapping[str, Sequence[Manifest]]
-    pods: Mapping[str, Sequence[Manifest]]
-    events: Mapping[str, Sequence[Manifest]]
+    sets: Mapping[str, Sequence[Manifest]] = attrs.field(factory=dict)
+    pods: Mapping[str, Sequence[Manifest]] = attrs.field(factory=dict)
+    events: Mapping[str, Sequence[Manifest]] = attrs.field(factory=dict)
 
     def list_sets(self, workload: Manifest) -> Sequence[Manifest]:
         """Return a workload's ReplicaSets."""
@@ -42,17 +41,76 @@ class Surroundings:
         return pods_of(workload, self.list_sets(workload), self.list_pods(workload))
 
     def list_events(self, *objects: Manifest) -> list[Manifest]:
-        """Return the warnings about some objects."""
-        return choose_events(self.events, *objects)
+        """Return the warnings about some objects, and about the claims of pods among them."""
+        about = [key for live in objects for key in (live["metadata"]["uid"], *list_claims(live))]
+        return [event for key in about for event in self.events.get(key, ())]
 
 
 def look_around(
     sets: Iterable[Manifest], pods: Iterable[Manifest], events: Iterable[Manifest] = ()
 ) -> Surroundings:
     """Return what a namespace has apart from workloads, indexed."""
-    by_set, by_pod = defaultdict(list), defaultdict(list)
+    by_set, by_pod, by_object = defaultdict(list), defaultdict(list), defaultdict(list)
     for live in sets:
         by_set[owner(live)].append(live)
     for live in pods:
         by_pod[owner(live) or live["metadata"]["uid"]].append(live)
-    return Surroundings(by_set, by_pod, index_events(events))
+    for event in events:
+        about = event["involvedObject"]
+        is_claim = about.get("kind") == "PersistentVolumeClaim"
+        by_object[about.get("name" if is_claim else "uid", "")].append(event)
+    return Surroundings(by_set, by_pod, by_object)
+
+
+def list_claims(live: Manifest) -> Iterator[str]:
+    """Yield the names of the claims that a pod uses."""
+    for volume in (live.get("spec") or {}).get("volumes") or ():
+        if "persistentVolumeClaim" in volume:
+            yield volume["persistentVolumeClaim"]["claimName"]
+
+
+def pods_of(
+    workload: Manifest, replica_sets: Iterable[Manifest], pods: Iterable[Manifest]
+) -> list[Manifest]:
+    """Return the pods of a workload's newest template, as far as its kind shows them."""
+    uid = workload["metadata"]["uid"]
+    if workload["kind"] == "Pod":
+        return [pod for pod in pods if pod["metadata"]["uid"] == uid]
+    owners = {uid}
+    if workload["kind"] == "Deployment":
+        owners = {rs["metadata"]["uid"] for rs in find_newest(workload, replica_sets)}
+    found = [pod for pod in pods if owner(pod) in owners]
+    label, newest = newest_template(workload)
+    if not newest:
+        return found
+    return [pod for pod in found if (pod["metadata"].get("labels") or {}).get(label) == newest]
+
+
+def newest_template(workload: Manifest) -> tuple[str, str]:
+    """Return a label of a workload's pods and its newest value, "" if its kind has none."""
+    if workload["kind"] == "StatefulSet":
+        revision = (workload.get("status") or {}).get("updateRevision")
+        return "controller-revision-hash", str(revision or "")
+    if workload["kind"] == "DaemonSet":
+        notes = workload["metadata"].get("annotations") or {}
+        generation = notes.get("deprecated.daemonset.template.generation")
+        return "pod-template-generation", str(generation or "")
+    return "", ""
+
+
+def find_newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
+    """Yield the ReplicaSet of a Deployment's newest template."""
+    note = "deployment.kubernetes.io/revision"
+    number = (deployment["metadata"].get("annotations") or {}).get(note)
+    for replica_set in replica_sets:
+        notes = replica_set["metadata"].get("annotations") or {}
+        if owner(replica_set) == deployment["metadata"]["uid"] and notes.get(note) == number:
+            yield replica_set
+
+
+def owner(live: Manifest) -> str:
+    """Return the UID of the controller that owns an object, "" for none."""
+    for reference in live["metadata"].get("ownerReferences") or []:
+        if reference.get("controller"):
+            return str(reference["uid"])
+    return ""

@@ -121,11 +121,6 @@ class ReleaseView:
         """Return an object, None if it has not been seen yet."""
         return self.objects[ref.api_version, ref.kind].get(ref)
 
-    def look_around(self, *, warnings: bool = False) -> Surroundings:
-        """Return what belongs to workloads now, indexed.
-
-        Args:
-            warnings: with the events.
-        """
-        sets, pods = self.objects[REPLICA_SET].values(), self.objects[POD].values()
-        return look_around(sets, pods, self.objects[EVENT].values() if warnings else ())
+    def look_around(self) -> Surroundings:
+        """Return what belongs to workloads now, indexed."""
+        return look_around(*(self.objects[kind].values() for kind in (REPLICA_SET, POD, EVENT)))

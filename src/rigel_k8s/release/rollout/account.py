@@ -1,0 +1,168 @@
+"""What a wait reports: states as they change, causes, and the error if the roll-out fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, RolloutFailed
+from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.rollout.causes import CAUSES, probe_failure
+from rigel_k8s.release.rollout.patience import Ledger, Seen
+from rigel_k8s.release.rollout.readiness import UNSEEN
+from rigel_k8s.release.rollout.standing import Standing
+from rigel_k8s.release.run import Run
+
+LOG_LINES = 12
+LOGGED = ("crash", "restarted", "failed")  # causes of which the container's log says more
+
+
+@attrs.define
+class Account:
+    """What the user is told of a run's roll-out.
+
+    Attributes:
+        good: the revision before, which became ready; 0 for none.
+        shown: the state of each workload as it was reported last.
+    """
+
+    run: Run
+    standing: Standing
+    good: int
+    ledger: Ledger
+    shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
+
+    def show_states(self) -> None:
+        """Report the states that have changed; a workload with a cause shows that."""
+        for ref, state in self.standing.states.items():
+            if ref not in self.ledger.refs and state.message != UNSEEN:
+                self.show(ref, state.message, done=self.standing.is_ready(ref))
+
+    def show(self, ref: ObjectRef, text: str, *, done: bool) -> None:
+        """Report the present state of a workload, once."""
+        if self.shown.get(ref) != (text, done):
+            self.shown[ref] = (text, done)
+            self.run.report.progress(ref.name, text, done=done)
+
+    def note_causes(self, now: float) -> None:
+        """Show what is wrong when it is seen; report what has passed.
+
+        Raises:
+            RolloutFailed: something has lasted too long.
+        """
+        found = list(self.standing.find_causes())
+        wrong = {ref for ref, _ in found}
+        coming = any(ref not in wrong for ref in self.standing.list_waiting())
+        unsteady = self.standing.unsteady
+        fresh, passed = self.ledger.note(now, found, others_coming=coming, unsteady=unsteady)
+        for seen in fresh:
+            if seen.cause.kind != "restarted":
+                seen.lines = [seen.cause.message, *self.read_log(seen)]
+        self.warn(passed)
+        for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
+            self.show(ref, cause.message, done=False)
+        hopeless = [
+            seen
+            for seen in self.ledger.find_hopeless(now)
+            if not is_optional(self.standing.targets[seen.ref])
+        ]
+        if hopeless:
+            raise self.failure(hopeless)
+
+    def warn(self, causes: Iterable[Seen]) -> None:
+        """Report causes that have not made the roll-out fail."""
+        for seen in causes:
+            if seen.lines:
+                message, *log = seen.lines
+                self.run.report.warn("\n".join([f"{seen.ref.name}: {message}", *log]))
+                seen.lines = []
+
+    def leave_behind(self) -> None:
+        """Report the optional workloads that the release runs without."""
+        for ref in self.standing.list_waiting():
+            lines = [line for seen in self.ledger.of(ref) for line in seen.lines]
+            why, *rest = lines or [self.standing.states[ref].message]
+            text = f"{ref.name} is not ready: {why}; {self.run.release.name} runs without it"
+            next_step = remedy_of(self.standing.targets[ref]) or "`rigel status` shows its state"
+            self.run.report.warn("\n".join([f"{text}; {next_step}", *rest]))
+            self.run.report.progress(ref.name, "", done=True)
+            for seen in self.ledger.of(ref):
+                seen.lines = []
+
+    def failure(self, hopeless: Sequence[Seen]) -> RolloutFailed:
+        """Return the error for causes that will not go away; nodes often share an image."""
+        first, what = hopeless[0], hopeless[0].cause.message
+        known = list(self.ledger.seen.values())
+        others = [seen for seen in known if seen.cause.message != what]
+        failed = list(dict.fromkeys(seen.ref for seen in (*hopeless, *known) if seen not in others))
+        names = ", ".join(ref.name for ref in failed)
+        return RolloutFailed(
+            f"{self.name_survivor(failed)}{names} did not become ready: {what}",
+            hint=self.choose_hint(first.ref, first.cause.kind),
+            details=[*self.read_log(first), *self.list_causes(others)],
+        )
+
+    def timeout_error(self) -> RolloutFailed:
+        """Return the error for a roll-out that took too long."""
+        standing, around = self.standing, self.standing.around
+        lines, late = [], standing.list_late()
+        for ref in late:
+            live = standing.live.get(ref)
+            pods = around.list_newest_pods(live) if live else []
+            failures = [probe_failure(pod, around.list_events(pod)) for pod in pods]
+            state = standing.states[ref].message if ref in standing.states else "not seen"
+            lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
+        lines += self.list_causes(self.ledger.seen.values())
+        names = ", ".join(ref.name for ref in late)
+        limit = self.run.options.limit
+        many = f"{len(late)} of {len(standing.targets)} not ready within {limit:g} s"
+        return RolloutFailed(
+            f"{self.name_survivor(late)}{many}: {names}",
+            hint=self.choose_hint(late[0]) if late else None,
+            details=lines,
+        )
+
+    def name_survivor(self, failed: Iterable[ObjectRef]) -> str:
+        """Return the beginning of a failure: that the version before still does the work."""
+        number = f" (revision {self.good})" if self.good else ""
+        states = self.standing.states
+        if all(ref in states and states[ref].old_runs for ref in failed):
+            return f"the old version still runs{number}; "
+        return ""
+
+    def list_causes(self, causes: Iterable[Seen]) -> Iterator[str]:
+        """Yield causes as lines, each once with the names of all that have it."""
+        alike: dict[str, list[Seen]] = {}
+        for seen in causes:
+            alike.setdefault(seen.cause.message, []).append(seen)
+        for message, same in alike.items():
+            yield f"{', '.join(seen.ref.name for seen in same)}: {message}"
+            yield from self.read_log(same[0])
+
+    def read_log(self, seen: Seen) -> list[str]:
+        """Return a crashed container's last lines, none if they cannot be read."""
+        cause = seen.cause
+        if cause.kind not in LOGGED or not cause.pod:
+            return []
+        with suppress(ClusterError):
+            lines = self.run.cluster.logs(
+                seen.ref.namespace,
+                cause.pod,
+                cause.container or None,
+                tail=LOG_LINES,
+                previous=cause.previous,
+            )
+            return [f"    {line}" for line in lines]
+        return []
+
+    def choose_hint(self, ref: ObjectRef, kind: str = "") -> str:
+        """Return what to do next: about a kind of cause, if it is known."""
+        logs = f"`rigel logs {ref.name}` shows its output"
+        remedy = logs if kind in ("", *LOGGED) else CAUSES[kind].remedy
+        image = image_remedy_of(self.standing.targets[ref])
+        if image and kind in (*LOGGED, "image", "image-name", "start"):
+            remedy = f"{image}; {remedy}"
+        return f"{remedy}; {self.run.choose_way_out(self.good)}"

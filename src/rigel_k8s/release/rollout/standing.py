@@ -1,0 +1,104 @@
+"""How far the workloads of a release are, look after look; pure: objects and time are passed in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import attrs
+
+from rigel_k8s.objects.marks import is_optional
+from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.release.rollout.causes import Cause, causes
+from rigel_k8s.release.rollout.crashes import CrashLog, Unprobed, find_unprobed_in
+from rigel_k8s.release.rollout.readiness import ObjectReadiness, readiness_without
+from rigel_k8s.release.rollout.surroundings import Surroundings
+
+GRACE = 30.0  # seconds that optional workloads have when all else is ready
+
+
+@attrs.define
+class Standing:
+    """The workloads that are waited for, and what the last look has shown of them.
+
+    Attributes:
+        targets: as they were applied.
+        away: the names of the machines whose pods are not waited for.
+        live: as the last look has found them.
+        around: what belongs to them.
+        rolling: those that were not ready at some look: their containers are new.
+        looked_at: the pods whose containers without probes have been checked.
+        enough_since: when all but optional ones became ready, None if they are not.
+    """
+
+    targets: Mapping[ObjectRef, Manifest]
+    away: frozenset[str] = frozenset()
+    live: Mapping[ObjectRef, Manifest] = attrs.field(factory=dict)
+    around: Surroundings = attrs.field(factory=Surroundings)
+    states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
+    rolling: set[ObjectRef] = attrs.field(factory=set)
+    crashes: CrashLog = attrs.field(factory=CrashLog)
+    unsteady: set[ObjectRef] = attrs.field(factory=set)
+    looked_at: set[str] = attrs.field(factory=set)
+    enough_since: float | None = None
+
+    def look(self, live: Mapping[ObjectRef, Manifest], around: Surroundings, now: float) -> None:
+        """Note what is there now."""
+        self.live, self.around = live, around
+        for ref, there in live.items():
+            newest = around.list_newest_pods(there)
+            if ref in self.rolling:
+                self.crashes.note(ref, newest, now)
+            state = readiness_without(there, newest, around.list_pods(there), self.away)
+            self.states[ref] = state
+            if not state.done:
+                self.rolling.add(ref)
+        self.unsteady = self.crashes.find_unsteady(now)
+        if self.list_late():
+            self.enough_since = None
+        elif self.enough_since is None:
+            self.enough_since = now
+
+    def is_ready(self, ref: ObjectRef) -> bool:
+        """Whether a workload is ready and has not crashed lately."""
+        state = self.states.get(ref)
+        crashed = ref in self.unsteady and ref.kind != "Job"
+        return state is not None and state.done and state.ok and not crashed
+
+    def list_waiting(self) -> list[ObjectRef]:
+        """Return what is not ready."""
+        return [ref for ref in self.targets if not self.is_ready(ref)]
+
+    def list_late(self) -> list[ObjectRef]:
+        """Return what is not ready and is needed."""
+        return [ref for ref in self.list_waiting() if not is_optional(self.targets[ref])]
+
+    def is_enough(self, now: float) -> bool:
+        """Whether the wait is over: optional workloads only have a short while."""
+        if self.enough_since is None:
+            return False
+        return now - self.enough_since >= GRACE or not self.list_waiting()
+
+    def list_unprobed(self) -> list[Unprobed]:
+        """Return the containers without probes of what has become ready, each pod's once."""
+        fresh = [
+            container
+            for ref, live in self.live.items()
+            if ref in self.rolling and self.is_ready(ref)
+            for container in find_unprobed_in(ref, self.around.list_newest_pods(live), self.away)
+            if container.uid not in self.looked_at
+        ]
+        self.looked_at |= {container.uid for container in fresh}
+        return fresh
+
+    def find_causes(self) -> Iterator[tuple[ObjectRef, Cause]]:
+        """Yield what is wrong now with what is not ready."""
+        for ref in self.list_waiting():
+            live, state = self.live.get(ref), self.states.get(ref)
+            if live is None or state is None:
+                continue
+            if state.done and not state.ok:
+                yield ref, Cause("failed", state.message)
+                continue
+            sets, newest = self.around.list_sets(live), self.around.list_newest_pods(live)
+            events = self.around.list_events(live, *sets, *newest)
+            yield from ((ref, cause) for cause in causes(live, newest, events, sets))

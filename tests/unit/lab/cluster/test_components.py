@@ -76,6 +76,20 @@ def test_a_kubelet_of_k3s_says_so_and_is_the_same_program() -> None:
     assert set(K3S_KUBELET.programs()) == {"kubelet"}
 
 
+def test_another_lock_file_is_another_build(tmp_path: Path) -> None:
+    """A module's new hash is compiled, not overlooked in the cache."""
+
+    class Moved(GoBuild):
+        lock = tmp_path
+
+    build = Moved("hello", "1.0.0", ("robot.example/hello",))
+    keys = set()
+    for text in ("h1:one", "h1:two"):
+        (tmp_path / "go.sum").write_text(text)
+        keys.add(build.key())
+    assert len(keys) == 2
+
+
 def test_programs_have_upstreams_names() -> None:
     """What is built of a directory `cmd` is called as upstream's build calls it."""
     assert WHEREABOUTS.program_names[:2] == ["whereabouts", "ip-control-loop"]

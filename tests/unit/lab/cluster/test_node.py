@@ -9,7 +9,7 @@ import pytest
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import Layout
-from rigel_lab.cluster.node import resolv_conf
+from rigel_lab.cluster.node import resolv_conf, setup
 
 
 def test_name_servers_on_loopback_are_left_out(tmp_path: Path) -> None:
@@ -26,6 +26,14 @@ def test_name_servers_on_loopback_are_left_out(tmp_path: Path) -> None:
 def layout(tmp_path: Path) -> Layout:
     programs = Components({"containerd": "/cache/go/containerd"}, "/cache/debian")
     return Layout("a", tmp_path, Addresses("10.64.0.0/14"), programs)
+
+
+def test_only_what_leaves_the_cluster_is_masqueraded(layout: Layout) -> None:
+    """Nodes and pods of other nodes see a pod's own address."""
+    rules = [line for line in setup(layout, layout.directory / "node1") if "MASQUERADE" in line]
+    assert rules == [
+        "iptables -w -t nat -A POSTROUTING -s 10.64.0.0/14 ! -d 10.64.0.0/14 -j MASQUERADE"
+    ]
 
 
 def test_machines_have_nothing_of_the_users_environment(layout: Layout) -> None:

@@ -20,7 +20,7 @@ from urllib.parse import urlencode, urlsplit
 import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.image_reference import DOCKER_HUB, Reference, parse_reference
+from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import (
     RegistryCredentials,
     credentials_for,
@@ -126,7 +126,7 @@ def look_up(
         if patience.has_run_out(reference.registry):
             return None
         user = credentials_for(reference.registry, credentials)
-        registry = _registry_of(reference, user, timeout)
+        registry = _Registry(user or RegistryCredentials(reference.registry), timeout)
         digest = None
         try:
             digest = reference.digest or registry.digest(reference.repository, reference.version)
@@ -157,17 +157,10 @@ def find_architectures(
     """
     try:
         reference = parse_reference(image)
-        registry = _registry_of(reference, credentials, _TIMEOUT)
+        registry = _Registry(credentials or RegistryCredentials(reference.registry), _TIMEOUT)
         return registry.architectures(reference.repository, reference.digest or reference.version)
     except (UserError, _Unclear):
         return frozenset()
-
-
-def _registry_of(
-    reference: Reference, credentials: RegistryCredentials | None, timeout: float
-) -> _Registry:
-    user = credentials or RegistryCredentials(reference.registry)
-    return _Registry(reference.registry, user, timeout)
 
 
 def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
@@ -176,7 +169,7 @@ def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
     Raises:
         RigelK8sError: the registry refuses them, or cannot be reached.
     """
-    registry = _Registry(credentials.registry, credentials, timeout)
+    registry = _Registry(credentials, timeout)
     try:
         return registry.log_in()
     except _Unclear as error:
@@ -197,7 +190,6 @@ def challenge(header: str) -> tuple[str, dict[str, str]]:
 class _Registry:
     """One registry, as one user."""
 
-    name: str
     credentials: RegistryCredentials
     timeout: float
     _authorization: str = attrs.field(init=False, default="")
@@ -293,16 +285,18 @@ class _Registry:
 
     def _bases(self) -> list[str]:
         """Return the URLs to try; behind a proxy only a request shows which one works."""
-        host = _HUB_HOST if self.name == DOCKER_HUB else self.name
+        name, insecure = self.credentials.registry, self.credentials.insecure
+        host = _HUB_HOST if name == DOCKER_HUB else name
         both = [f"https://{host}", f"http://{host}"]
-        if not (self._plain or is_loopback(self.name) or is_private(self.name)):
+        if not (insecure or is_loopback(name) or is_private(name)):
             return both[:1]
         if any(map(_proxy_of, both)):
             return both
         return both[:1] if _encrypts(host, self.timeout) else both[1:]
 
     def _authorize(self, base: str, header: str, *, scope: str | None) -> None:
-        if base.startswith("http://") and not (self._plain or is_loopback(self.name)):
+        user = self.credentials
+        if base.startswith("http://") and not (user.insecure or is_loopback(user.registry)):
             raise _Unclear("it is not encrypted: set `insecure: true` to send it the password")
         scheme, parameters = challenge(header)
         if scheme == "basic":
@@ -348,15 +342,11 @@ class _Registry:
             with warnings.catch_warnings():
                 # The user allowed an unverified certificate with `insecure`.
                 warnings.simplefilter("ignore", urllib3.exceptions.InsecureRequestWarning)
-                return _pool(url, self.timeout, verify=not self._plain).request(
+                return _pool(url, self.timeout, verify=not self.credentials.insecure).request(
                     method, url, headers=dict(headers)
                 )
         except urllib3.exceptions.HTTPError as error:
             raise _Unreachable(_reason(error)) from error
-
-    @property
-    def _plain(self) -> bool:
-        return self.credentials.insecure
 
 
 def _encrypts(host: str, timeout: float) -> bool:

@@ -65,13 +65,18 @@ def exporter_objects(
 ) -> Iterator[Object]:
     """Yield the exporter's configuration and its Deployment."""
     wired = wire_pod(plan, exporter_identity(options))
-    text = json.dumps(configuration(around, options, graph, plan, wired), indent=2, sort_keys=True)
+    if around.ros.dds:
+        own = {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
+    else:
+        own = find_master(around, wired)
+    config = {"ros": around.ros.name, **describe(options, graph), **own}
+    text = json.dumps(drop_empty(config), indent=2, sort_keys=True)
     name = f"{around.release}-{EXPORTER}"
     yield config_map(around, name, {FILE: text + "\n"}, part_of=EXPORTER)
     yield deployment(
         around,
         EXPORTER,
-        pod(around, options, graph, wired, name),
+        {**graph.placement, **pod(around, options, wired, name)},
         strategy={"type": "Recreate"},
         annotations={OPTIONAL_ANNOTATION: "true", **({} if options.image else REMEDY)},
         pod_annotations={
@@ -84,9 +89,7 @@ def exporter_objects(
     )
 
 
-def pod(
-    around: ReleaseContext, options: RosMetrics, graph: WatchedGraph, wired: Wiring, config: str
-) -> Object:
+def pod(around: ReleaseContext, options: RosMetrics, wired: Wiring, config: str) -> Object:
     """Return the pod's spec.
 
     Files of init containers are for ROS' own programs: the exporter itself waits for its interface.
@@ -96,7 +99,6 @@ def pod(
     if not around.ros.dds:
         fields = {"env": [{"name": "ROS_IP", **address(wired)}], **fields}
     made = {
-        **graph.placement,
         "containers": [container(EXPORTER, options, fields)],
         "volumes": [{"name": "configuration", "configMap": {"name": config}}],
         "securityContext": pod_context(USER),
@@ -114,43 +116,23 @@ def address(wired: Wiring) -> Object:
     return dict(found) if "value" in found else own
 
 
-def configuration(
-    around: ReleaseContext,
-    options: RosMetrics,
-    graph: WatchedGraph,
-    plan: NetworkPlan,
-    wired: Wiring,
-) -> Object:
-    """Return the exporter's configuration; src/rigel_exporter/config.py reads it."""
-    interval = options.interval.seconds if options.interval else None
-    fields = {
-        "ros": around.ros.name,
+def describe(options: RosMetrics, graph: WatchedGraph) -> Object:
+    """Return what it measures, for src/rigel_exporter/config.py."""
+    return {
         "expected": dict(graph.expected),
         "known": dict(graph.known),
-        "topics": [absolute(str(topic)) for topic in options.topics],
+        "topics": [f"/{str(topic).lstrip('/')}" for topic in options.topics],
         "diagnostics": options.diagnostics or None,
         "clock": options.clock or None,
         "tf": options.tf or None,
-        "interval": interval,
+        "interval": options.interval.seconds if options.interval else None,
     }
-    own = of_dds(graph, plan) if around.ros.dds else of_ros1(around, wired)
-    return drop_empty(fields | own)
 
 
-def of_ros1(around: ReleaseContext, wired: Wiring) -> Object:
+def find_master(around: ReleaseContext, wired: Wiring) -> Object:
     """Return the master's address; if releases share it, also a name that differs by release."""
     uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or around.master_uri
     name = None
     if around.master_uri != MASTER_URI:
         name = "/" + re.sub(r"\W", "_", f"ros_exporter_{around.namespace}_{around.release}")
     return {"master_uri": uri, "name": name}
-
-
-def of_dds(graph: WatchedGraph, plan: NetworkPlan) -> Object:
-    """Return how the exporter finds participants."""
-    return {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
-
-
-def absolute(topic: str) -> str:
-    """Return a topic's full name."""
-    return f"/{topic.lstrip('/')}"

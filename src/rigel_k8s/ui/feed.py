@@ -22,7 +22,7 @@ class Feed:
 
     def __init__(self) -> None:
         self._entries: Entries = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._pages: set[Page] = set()
 
     def publish(self, group: str, entries: Mapping[str, Any]) -> None:
@@ -59,7 +59,7 @@ class Feed:
         """Return a page that gets everything, and from now on what changes."""
         page = Page(self.write_all)
         with self._lock:
-            page.send(self._write_all())
+            page.send(self.write_all())
             self._pages.add(page)
         return page
 
@@ -71,10 +71,7 @@ class Feed:
     def write_all(self) -> str:
         """Return everything, for a page that is behind."""
         with self._lock:
-            return self._write_all()
-
-    def _write_all(self) -> str:
-        return json.dumps({"all": self._entries})
+            return json.dumps({"all": self._entries})
 
 
 class Page:

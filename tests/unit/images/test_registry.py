@@ -269,7 +269,7 @@ def test_a_private_registry_with_tls_is_asked_with_tls(
 @pytest.mark.parametrize("name", ["ghcr.io", "docker.io", "8.8.8.8:5000", "robot.local:5000"])
 def test_a_registry_of_others_is_asked_with_tls_alone(name: str) -> None:
     """Who is neither here nor in a private network is asked in the clear if `insecure` says so."""
-    bases = _Registry(name, RegistryCredentials(name), 1)._bases()
+    bases = _Registry(RegistryCredentials(name), 1)._bases()
     assert bases == [f"https://{'registry-1.docker.io' if name == 'docker.io' else name}"]
 
 
@@ -302,7 +302,7 @@ def test_no_password_goes_to_an_unencrypted_address_of_a_network() -> None:
     """A private address is asked over plain HTTP; a password takes `insecure` as well."""
     me = RegistryCredentials("10.0.0.1:5000", "me", "secret")
     with pytest.raises(_Unclear, match="insecure: true"):
-        _Registry("10.0.0.1:5000", me, 1)._authorize("http://10.0.0.1:5000", "Basic", scope=None)
+        _Registry(me, 1)._authorize("http://10.0.0.1:5000", "Basic", scope=None)
 
 
 def test_no_password_goes_to_an_unencrypted_token_server() -> None:
@@ -310,7 +310,7 @@ def test_no_password_goes_to_an_unencrypted_token_server() -> None:
     me = RegistryCredentials("host", "me", "secret")
     header = 'Bearer realm="http://elsewhere/token"'
     with pytest.raises(_Unclear, match="not encrypted"):
-        _Registry("host", me, 1)._authorize("https://host", header, scope=None)
+        _Registry(me, 1)._authorize("https://host", header, scope=None)
 
 
 def test_challenges_are_read() -> None:

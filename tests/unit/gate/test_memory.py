@@ -7,7 +7,8 @@ import base64
 import json
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,16 @@ EVENTS: list[Event] = [
 ]
 
 
+def run(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run a test that is a coroutine."""
+
+    @wraps(test)
+    def made(*arguments: Any, **options: Any) -> None:
+        asyncio.run(test(*arguments, **options))
+
+    return made
+
+
 def known(state: State) -> dict[str, Any]:
     """Return all that a state holds."""
     return {
@@ -60,6 +71,13 @@ def known(state: State) -> dict[str, Any]:
         "silent": state.silent,
         "run": state.run,
     }
+
+
+def kept(path: Path) -> dict[str, Any]:
+    """Return all that another journal reads from a file."""
+    found = Journal(path).read()
+    assert found is not None
+    return known(found)
 
 
 @pytest.fixture
@@ -100,9 +118,7 @@ def test_the_journal_has_each_event_at_once(journal: Journal, tmp_path: Path):
     for event in EVENTS:
         found.apply(event)
         journal.keep(event, found)
-        again = Journal(tmp_path / "journal").read()
-        assert again is not None
-        assert known(again) == known(found)
+        assert kept(tmp_path / "journal") == known(found)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +157,8 @@ def test_a_stale_line_costs_that_line_only(
 
 
 @pytest.mark.parametrize("damage", ["folder", "pipe", "noise"])
-def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
+@run
+async def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
     journal: Journal,
     tmp_path: Path,
     place: Place,
@@ -156,33 +173,27 @@ def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
     )()
     place.kept = compress(state)
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(state)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state)
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if "is not used" in line] == lines[:1]
 
 
-def test_a_damaged_copy_in_the_cluster_costs_its_bad_lines_only(
+@run
+async def test_a_damaged_copy_in_the_cluster_costs_its_bad_lines_only(
     journal: Journal, place: Place, state: State, capsys: pytest.CaptureFixture[str]
 ):
     lines = [*map(line_of, state.events()), "\xff\n", '["silent", null]\n']
     place.kept = base64.b64encode(zlib.compress("".join(lines).encode())).decode()
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(state)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state)
     said = capsys.readouterr().out
     assert said == "gate: 2 lines of the memory cannot be read: they are left out\n"
 
 
-def test_a_fault_while_saving_does_not_end_saving(
+@run
+async def test_a_fault_while_saving_does_not_end_saving(
     journal: Journal,
     place: Place,
     monkeypatch: pytest.MonkeyPatch,
@@ -191,19 +202,15 @@ def test_a_fault_while_saving_does_not_end_saving(
     """Nothing would be kept in the cluster any more, without a word."""
     monkeypatch.setattr(program, "PAUSE", 0.01)
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        place.fails.append(RuntimeError("bug"))
-        running = asyncio.ensure_future(keeper.run())
-        keep(keeper, EVENTS[0])
-        await until_written(place, 2)
-        await asyncio.sleep(0.1)
-        running.cancel()
-        assert place.kept is not None
-        assert keeper.list_troubles() == []
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    place.fails.append(RuntimeError("bug"))
+    running = asyncio.ensure_future(keeper.run())
+    keep(keeper, EVENTS[0])
+    await until_written(place, 2)
+    await asyncio.sleep(0.1)
+    running.cancel()
+    assert place.kept is not None
+    assert keeper.list_troubles() == []
     assert "the memory is not kept in the cluster: RuntimeError('bug')" in capsys.readouterr().out
 
 
@@ -235,9 +242,7 @@ def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(journal: Journ
         journal.keep(EVENTS[0], found)
     found.apply(EVENTS[1])
     journal.keep(EVENTS[1], found)
-    again = Journal(tmp_path / "journal").read()
-    assert again is not None
-    assert known(again) == known(found)
+    assert kept(tmp_path / "journal") == known(found)
 
 
 @pytest.mark.parametrize("text", ["", "no base64", base64.b64encode(b"no zlib").decode()])
@@ -282,8 +287,11 @@ def place() -> Place:
     return Place()
 
 
-def keeping(journal: Journal, place: Place | None) -> Keeper:
-    return Keeper(journal, place)  # type: ignore[arg-type]
+async def begin(journal: Journal, place: Place) -> Keeper:
+    """Return a keeper that has found what is left."""
+    keeper = Keeper(journal, place)  # type: ignore[arg-type]
+    await keeper.begin()
+    return keeper
 
 
 def keep(keeper: Keeper, event: Event) -> None:
@@ -291,55 +299,47 @@ def keep(keeper: Keeper, event: Event) -> None:
     keeper.keep(event)
 
 
-def test_a_new_pod_finds_what_the_cluster_has(journal: Journal, place: Place, state: State):
+@run
+async def test_a_new_pod_finds_what_the_cluster_has(journal: Journal, place: Place, state: State):
     place.kept = compress(state)
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(state)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state)
     found = journal.read()
     assert found is not None
     assert known(found) == known(state), "and has it in its file from then on"
 
 
-def test_the_file_of_the_pod_is_newer_than_the_cluster(
+@run
+async def test_the_file_of_the_pod_is_newer_than_the_cluster(
     journal: Journal, place: Place, state: State
 ):
     """The cluster gets what it lacks: the gate was killed within the second."""
     journal.begin(state)
     place.kept = compress(State())
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(state)
-        await keeper.save()
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state)
+    await keeper.save()
     assert place.kept is not None
     assert known(decompress(place.kept)) == known(state)
 
 
-def test_without_a_memory_the_gate_starts_empty(
+@run
+async def test_without_a_memory_the_gate_starts_empty(
     journal: Journal, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """The master may know what it does not."""
     place.kept = "no base64"
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(State())
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(State())
     assert capsys.readouterr().out.startswith("gate: the memory in the cluster is not used: ")
 
 
 @pytest.mark.parametrize(("failures", "found"), [(2, True), (20, False)])
-def test_a_cluster_that_is_away_is_asked_for_a_while(
+@run
+async def test_a_cluster_that_is_away_is_asked_for_a_while(
     journal: Journal,
     place: Place,
     state: State,
@@ -354,12 +354,8 @@ def test_a_cluster_that_is_away_is_asked_for_a_while(
     place.kept = compress(state)
     place.fails += [NotKept("the API server is away")] * failures
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        assert known(keeper.state) == known(state if found else State())
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state if found else State())
     assert capsys.readouterr().out.count("cannot be read: the API server is away") == failures
 
 
@@ -369,31 +365,29 @@ async def until_written(place: Place, times: int) -> None:
         await asyncio.sleep(0.01)
 
 
-def test_the_cluster_is_written_at_most_once_a_pause(
+@run
+async def test_the_cluster_is_written_at_most_once_a_pause(
     journal: Journal, place: Place, monkeypatch: pytest.MonkeyPatch
 ):
     """Many changes are one write."""
     monkeypatch.setattr(program, "PAUSE", 0.05)
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        running = asyncio.ensure_future(keeper.run())
-        for event in EVENTS:
-            keep(keeper, event)
-        await until_written(place, 1)
-        await asyncio.sleep(0.1)
-        assert place.writes == 1, "nothing has changed since"
-        keep(keeper, ["run", "run 2"])
-        await until_written(place, 2)
-        running.cancel()
-        assert place.kept is not None
-        assert known(decompress(place.kept)) == known(keeper.state)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    running = asyncio.ensure_future(keeper.run())
+    for event in EVENTS:
+        keep(keeper, event)
+    await until_written(place, 1)
+    await asyncio.sleep(0.1)
+    assert place.writes == 1, "nothing has changed since"
+    keep(keeper, ["run", "run 2"])
+    await until_written(place, 2)
+    running.cancel()
+    assert place.kept is not None
+    assert known(decompress(place.kept)) == known(keeper.state)
 
 
-def test_a_cluster_that_is_away_is_written_later(
+@run
+async def test_a_cluster_that_is_away_is_written_later(
     journal: Journal,
     place: Place,
     monkeypatch: pytest.MonkeyPatch,
@@ -402,44 +396,38 @@ def test_a_cluster_that_is_away_is_written_later(
     """A trouble is reported once, and its end."""
     monkeypatch.setattr(program, "PAUSE", 0.01)
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        place.fails += [NotKept("away")] * 3
-        keep(keeper, EVENTS[0])
-        running = asyncio.ensure_future(keeper.run())
-        await until_written(place, 4)
-        await asyncio.sleep(0.1)
-        running.cancel()
-        assert place.writes == 4, "written once, it is not written again"
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    place.fails += [NotKept("away")] * 3
+    keep(keeper, EVENTS[0])
+    running = asyncio.ensure_future(keeper.run())
+    await until_written(place, 4)
+    await asyncio.sleep(0.1)
+    running.cancel()
+    assert place.writes == 4, "written once, it is not written again"
     assert capsys.readouterr().out.splitlines() == [
         "gate: the memory is not kept in the cluster: away",
         "gate: the memory is kept in the cluster again",
     ]
 
 
-def test_a_gate_that_is_overtaken_writes_no_more(
+@run
+async def test_a_gate_that_is_overtaken_writes_no_more(
     journal: Journal, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """Another pod has the master now."""
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        place.fails.append(Overtaken("the gate of pod b writes now"))
-        for _ in range(2):
-            keep(keeper, EVENTS[0])
-            await keeper.save()
-        await asyncio.wait_for(keeper.run(), 1)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    place.fails.append(Overtaken("the gate of pod b writes now"))
+    for _ in range(2):
+        keep(keeper, EVENTS[0])
+        await keeper.save()
+    await asyncio.wait_for(keeper.run(), 1)
     assert place.writes == 1
     assert "the gate of pod b writes now" in capsys.readouterr().out
 
 
-def test_a_memory_that_is_too_large_is_not_written(
+@run
+async def test_a_memory_that_is_too_large_is_not_written(
     journal: Journal,
     place: Place,
     monkeypatch: pytest.MonkeyPatch,
@@ -449,40 +437,31 @@ def test_a_memory_that_is_too_large_is_not_written(
     monkeypatch.setattr(program, "LARGEST", 10)
     why = "the memory is not kept in the cluster: it has more than 10 bytes, compressed"
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        for event in EVENTS:
-            keep(keeper, event)
-            await keeper.save()
-        assert keeper.list_troubles() == [why]
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    for event in EVENTS:
+        keep(keeper, event)
+        await keeper.save()
+    assert keeper.list_troubles() == [why]
     assert place.writes == 0
     assert capsys.readouterr().out == f"gate: {why}\n", "one line, whatever size it has"
 
 
-def test_a_full_disk_does_not_stop_the_gate(
+@run
+async def test_a_full_disk_does_not_stop_the_gate(
     tmp_path: Path, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """The cluster still keeps everything; the trouble is reported once."""
     journal = Journal(tmp_path / "not there" / "journal")
 
-    async def work() -> None:
-        keeper = keeping(journal, place)
-        await keeper.begin()
-        for event in EVENTS:
-            keep(keeper, event)
-        await keeper.save()
-        assert place.kept is not None
-        assert known(decompress(place.kept)) == known(keeper.state)
-        (tmp_path / "not there").mkdir()
-        keep(keeper, EVENTS[0])
-        found = Journal(tmp_path / "not there" / "journal").read()
-        assert found is not None
-        assert known(found) == known(keeper.state)
-
-    asyncio.run(work())
+    keeper = await begin(journal, place)
+    for event in EVENTS:
+        keep(keeper, event)
+    await keeper.save()
+    assert place.kept is not None
+    assert known(decompress(place.kept)) == known(keeper.state)
+    (tmp_path / "not there").mkdir()
+    keep(keeper, EVENTS[0])
+    assert kept(tmp_path / "not there" / "journal") == known(keeper.state)
     journal._close()
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 2

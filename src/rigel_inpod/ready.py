@@ -4,7 +4,7 @@ Why: a pod that is "Running" may be deaf. A node counts if the master has it at 
 and it answers. That fails when the node hangs, when its name was taken by another pod, and when the
 master has restarted empty (nothing in ROS 1 registers a node again).
 
-    ready.py node [--wait SECONDS] [--name /ros/name] [--components /ros/name]
+    ready.py node [--wait SECONDS] [--components /ros/name]
     ready.py master [--wait SECONDS]
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output has the
@@ -52,14 +52,12 @@ class NotReady(Exception):
 class Look(object):
     """One look at this pod's nodes: the local sockets, the master, then the nodes themselves."""
 
-    def __init__(self, master_uri, name, elsewhere):
-        """`name` is the node to look for, None any; `elsewhere` is kept between looks (FRESH)."""
-        self.name, self.elsewhere = name, elsewhere
+    def __init__(self, master_uri, elsewhere):
+        """`elsewhere` is kept between looks (FRESH)."""
+        self.elsewhere = elsewhere
         self.until = time.time() + LOOK
         self.ports = Listeners().pids
         self.memory = Memory()
-        if name:
-            self.memory.nodes = dict(i for i in self.memory.nodes.items() if i[0] == name)
         self.master = Api(master_uri, time.time() + MASTER)
 
     def run(self):
@@ -202,8 +200,6 @@ class Look(object):
 
     def _candidates(self):
         """Return the names that may be this pod's, the latest to register first."""
-        if self.name:
-            return [] if self.name in self.memory.nodes else [self.name]
         state = self._ask("getSystemState") or [[], [], []]
         entries = [entry for part in state for entry in part]
         names = []  # each registers /rosout early
@@ -219,10 +215,9 @@ class Look(object):
     def _describe_missing(self):
         pids = sorted({pid for pid in self.ports.values() if pid})
         here = "; ".join("%d %s" % (pid, command(pid)) for pid in pids[:3]) or "another user's"
-        what = self.name or "no ROS node of this pod"
-        what += " is not registered" if self.name else " is registered"
-        text = "%s at %s with the ROS master at %s (processes that listen here: %s)"
-        return text % (what, self._addresses()[0], self.master.uri, here)
+        text = "no ROS node of this pod is registered at %s with the ROS master at %s"
+        text += " (processes that listen here: %s)"
+        return text % (self._addresses()[0], self.master.uri, here)
 
     # -- what is this pod's --
 
@@ -259,7 +254,7 @@ def leave(seconds):
     return (0, "handed over: " + ", ".join(names)) if names else (1, "no one waits")
 
 
-def look_node(name, elsewhere, manager=None):
+def look_node(elsewhere, manager=None):
     """Return the line for a pod whose nodes are in order; raise NotReady otherwise.
 
     The nodelets of a `manager` must be loaded, too.
@@ -268,7 +263,7 @@ def look_node(name, elsewhere, manager=None):
     if not uri:
         raise NotReady("ROS_MASTER_URI is not set in this container")
     try:
-        lines = Look(uri, name, elsewhere).run()
+        lines = Look(uri, elsewhere).run()
     except CallFailed as error:
         raise NotReady("ROS_MASTER_URI: %s" % error)
     if manager:
@@ -319,26 +314,19 @@ def finish(code, line):
 
 
 def arguments(words):
-    """Return (kind, seconds to wait, options); raise ValueError for anything else."""
-    kind, wait, options = words[0] if words else "", 0.0, {}
-    rest = list(words[1:])
-    while rest:
-        option = rest.pop(0)
-        if option == "--wait" and rest:
-            wait = float(rest.pop(0))
-        elif option in ("--name", "--components") and rest and kind == "node":
-            options[option] = "/" + rest.pop(0).strip("/")
-        else:
-            raise ValueError("unknown argument %s" % option)
-    if kind not in ("node", "master", "leave"):
-        raise ValueError("the first argument must be node, master or leave")
-    return kind, wait, options
+    """Return (kind, seconds to wait, a manager of nodelets or None); raise ValueError else."""
+    kind, words = words[0] if words else "", words[1:]
+    values = dict(zip(words[::2], words[1::2]))
+    known = {"node": {"--wait", "--components"}, "master": {"--wait"}, "leave": {"--wait"}}
+    if kind not in known or len(words) % 2 or set(values) - known[kind]:
+        raise ValueError("node|master|leave [--wait SECONDS] [--components /NODE]")
+    return kind, float(values.get("--wait", 0)), values.get("--components")
 
 
 def main(words):
     """Look until ready or the time is over; never returns."""
     try:
-        kind, wait, options = arguments(words)
+        kind, wait, manager = arguments(words)
     except ValueError as error:
         finish(2, "ready.py: %s" % error)
     end, last, elsewhere, looks = time.time() + wait, [], {}, 0
@@ -348,7 +336,7 @@ def main(words):
     while True:
         try:
             if kind == "node":
-                finish(0, look_node(options.get("--name"), elsewhere, options.get("--components")))
+                finish(0, look_node(elsewhere, manager))
             finish(0, look_master(wait > 0))
         except NotReady as why:
             last[:] = [str(why)]

@@ -81,17 +81,6 @@ def test_several_nodes(pods, eventually):
     assert "does not answer: timed out" in done.stdout
 
 
-def test_given_name(pods):
-    """With --name only that node counts, and it must run in this pod."""
-    pods.rosmaster()
-    pods.node("other", "/talker.py", "other", files=FILES)
-    pod = pods.node("talker", "/talker.py", "talker", files=FILES)
-    assert pod.probe("--name", "/talker").returncode == 0
-    elsewhere = pod.probe("--name", "/other")
-    assert elsewhere.returncode == 1
-    assert elsewhere.stdout.startswith("/other is not registered at")
-
-
 @pytest.mark.parametrize("command", [("/talker.py", "talker"), RELAY], ids=["rospy", "roscpp"])
 def test_stopped_process(pods, command):
     """A stopped process turns its pod unready, and ready again when it goes on."""
@@ -288,7 +277,9 @@ def test_no_python(pods):
     assert "readiness.command or readiness.file" in done.stdout
 
 
-@pytest.mark.parametrize("words", [(), ("nod",), ("node", "--wait"), ("master", "--name", "/a")])
+@pytest.mark.parametrize(
+    "words", [(), ("nod",), ("node", "--wait"), ("master", "--components", "/a")]
+)
 def test_wrong_arguments(pods, words):
     """Wrong arguments are neither ready nor not ready."""
     pod = pods.start("bare", "sleep", "60")

@@ -208,6 +208,6 @@ def test_without_a_gate_nothing_is_handed_over(probe: Probe, gate: Gate):
     assert time.monotonic() - started < 5
 
 
-@pytest.mark.parametrize("words", [("leave", "--name", "/a"), ("leave", "--wait", "soon")])
+@pytest.mark.parametrize("words", [("leave", "--components", "/a"), ("leave", "--wait", "soon")])
 def test_wrong_arguments(probe: Probe, words: tuple[str, ...]):
     assert probe(*words)[0] == 2

@@ -34,10 +34,10 @@ class Pod:
         """Say that the pod is not ready."""
         raise self.ready.NotReady(why)
 
-    def probe(self, name: str | None = None, manager: str | None = None) -> str:
+    def probe(self, manager: str | None = None) -> str:
         """Return the line of one look, as the probe prints it."""
         try:
-            return str(self.ready.look_node(name, {}, manager))
+            return str(self.ready.look_node({}, manager))
         except self.ready.NotReady as why:
             return str(why)
 
@@ -203,14 +203,6 @@ def test_a_node_that_its_shell_started_again_is_ready_at_its_new_port(pod: Pod, 
     assert pod.probe() == "ready: /talker"
 
 
-def test_a_given_name_is_the_only_one_that_counts(pod: Pod, graph: RosGraph):
-    graph.node("/elsewhere", ["/chatter"])
-    pod.runs(graph.node("/talker", ["/chatter"]), pid=7)
-    pod.runs(graph.node("/other", ["/chatter"]), pid=8)
-    assert pod.probe("/talker") == "ready: /talker"
-    assert pod.probe("/elsewhere").startswith("/elsewhere is not registered at")
-
-
 def test_the_rosout_of_an_images_own_roscore_makes_nothing_ready(pod: Pod, graph: RosGraph):
     pod.runs(graph.node("/rosout", ["/rosout_agg"]))
     assert pod.probe().startswith("no ROS node of this pod is registered")
@@ -325,7 +317,7 @@ def test_exit_codes(pod: Pod, graph: RosGraph, ended: Callable[..., tuple[int, s
     assert ended("node")[0] == 1
     assert ended("master") == (0, f"ready: ROS master at port {graph.master.port}")
     pod.runs(graph.node("/talker", ["/chatter"]))
-    assert ended("node", "--name", "talker") == (0, "ready: /talker")
+    assert ended("node") == (0, "ready: /talker")
 
 
 def test_a_manager_is_ready_once_its_nodelets_are_loaded(
@@ -347,7 +339,9 @@ def test_a_manager_is_ready_once_its_nodelets_are_loaded(
     assert pod.probe(manager="/manager") == "ready: /manager, /manager has loaded /wheel"
 
 
-@pytest.mark.parametrize("words", [(), ("nod",), ("node", "--wait"), ("master", "--name", "/a")])
+@pytest.mark.parametrize(
+    "words", [(), ("nod",), ("node", "--wait"), ("master", "--components", "/a")]
+)
 def test_wrong_arguments(ended: Callable[..., tuple[int, str]], words: tuple[str, ...]):
     assert ended(*words)[0] == 2
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from rigel_k8s.cli.words import Group, choose_reporter, json_option, print_json
 from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
+    from rigel_k8s.cli.steps import Steps
     from rigel_k8s.lab import ClusterStatus
 
 
@@ -77,32 +78,35 @@ def up(
     downloaded are compiled (all of them: about 15 minutes on two cores). They are kept in a cache.
     The context rigel-NAME is added to your kubeconfig and becomes the current one.
     """
-    from rigel_k8s.commands import cluster as clusters
+    from rigel_k8s import lab
 
-    with steps(ctx) as report:
-        status = clusters.up(
+    with show_steps(ctx) as steps:
+        # The registry serves the exporter besides the released images; it is built here.
+        made = {lab.exporter.UPSTREAM: lambda: lab.exporter.build(steps).archive}
+        found = lab.cluster.up(
             name,
             nodes,
             extras=extras,
             data_dir=data_dir,
-            report=report,
+            made={"observability": made},
+            report=steps.line,
         )
     if output == "json":
-        print_json(attrs.asdict(status))
+        print_json(attrs.asdict(found))
         return
-    count = plural(len(status.nodes), "node")
-    click.echo(f"Cluster {name} is up: Kubernetes {status.kubernetes}, {count}")
-    click.echo(f"  context   {status.context} (the current one now)")
-    click.echo(f"  registry  {status.registry} (plain HTTP; nodes pull from it by the same name)")
-    if status.kubectl:
-        click.echo(f"  kubectl   {status.kubectl}")
-    click.echo(f"  logs      {status.logs}/*/logs")
-    print_offers(status)
+    count = plural(len(found.nodes), "node")
+    click.echo(f"Cluster {name} is up: Kubernetes {found.kubernetes}, {count}")
+    show(found)
 
 
-def print_offers(status: ClusterStatus) -> None:
-    """Print which images the registry offers on request."""
-    for title, image in zip(("offers", *[""] * len(status.offers)), status.offers, strict=False):
+def show(found: ClusterStatus) -> None:
+    """Print how to use a cluster, and which images its registry offers on request."""
+    click.echo(f"  context   {found.context}")
+    click.echo(f"  registry  {found.registry} (plain HTTP; nodes pull from it by the same name)")
+    if found.kubectl:
+        click.echo(f"  kubectl   {found.kubectl}")
+    click.echo(f"  logs      {found.logs}/*/logs")
+    for title, image in zip(("offers", *[""] * len(found.offers)), found.offers, strict=False):
         click.echo(f"  {title:<9} {image}")
 
 
@@ -113,8 +117,8 @@ def down(ctx: click.Context, /, name: str) -> None:
     """Stop a cluster and delete all of it, with its volumes and images."""
     from rigel_k8s import lab
 
-    with steps(ctx) as report:
-        there_was = lab.cluster.down(name, report=report)
+    with show_steps(ctx) as steps:
+        there_was = lab.cluster.down(name, report=steps.line)
     click.echo(f"Cluster {name} is deleted" if there_was else f"Cluster {name} does not exist")
 
 
@@ -133,12 +137,7 @@ def status(name: str, output: str) -> int:
     click.echo(f"Cluster {name}: {state}, Kubernetes {found.kubernetes}")
     for problem in found.problems:
         click.secho(f"  {problem}", fg=WARNING)
-    click.echo(f"  context   {found.context}")
-    click.echo(f"  registry  {found.registry} (plain HTTP)")
-    if found.kubectl:
-        click.echo(f"  kubectl   {found.kubectl}")
-    click.echo(f"  logs      {found.logs}/*/logs")
-    print_offers(found)
+    show(found)
     for node in found.nodes:
         click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")
     return 0 if found.running else 1
@@ -152,8 +151,8 @@ def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
     from rigel_k8s import lab
 
-    with steps(ctx) as report:
-        lab.cluster.load(images, name, report=report)
+    with show_steps(ctx) as steps:
+        lab.cluster.load(images, name, report=steps.line)
 
 
 @cluster.command()
@@ -166,9 +165,9 @@ def kubeconfig(name: str) -> None:
 
 
 @contextmanager
-def steps(ctx: click.Context) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows each step, and how far it is."""
+def show_steps(ctx: click.Context) -> Iterator[Steps]:
+    """Yield what shows each step, and how far it is."""
     from rigel_k8s.cli.steps import Steps
 
-    with choose_reporter(ctx) as reporter, closing(Steps(reporter)) as shown:
-        yield shown.show
+    with choose_reporter(ctx) as reporter, closing(Steps(reporter)) as steps:
+        yield steps

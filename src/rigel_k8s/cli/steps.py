@@ -16,7 +16,7 @@ ROW = ""
 
 
 class Steps:
-    """Shows each step with the seconds since the start.
+    """A Reporter that shows each step with the seconds since the start.
 
     In a terminal the present step is a row with what it does and its age, and becomes a line when
     the next one begins. Elsewhere each step is a line when it begins, and how far it is another
@@ -29,7 +29,14 @@ class Steps:
         self._step = ""  # the line of the step that is a row
         self._lock = threading.Lock()
 
-    def show(self, text: str) -> None:
+    def warn(self, text: str) -> None:
+        """Print a warning."""
+        self.line(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Ignore what happens within a step."""
+
+    def line(self, text: str) -> None:
         """Show the next step, or how far the present one is."""
         with self._lock:
             line = f"{time.monotonic() - self._begin:5.0f} s  {text}"

@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands import cluster as clusters
 from rigel_lab.cluster import components, k3s
 from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.extras import list_offered
 from rigel_lab.cluster.gobuild import GoBuild, toolchain
 from rigel_lab.images import exporter
+from tests.support.recorder import Recorder
 
 from .conftest import WITHIN
 
@@ -180,7 +180,7 @@ def test_a_running_cluster_gains_what_is_asked_for(host: Any, offering: str) -> 
 def test_a_running_cluster_gains_another_extra(host: Any, offering: str) -> None:
     """What it offered stays; an image that is no program of its own comes too, once."""
     components.obtain(print, ["observability"])  # the machine itself reaches nothing
-    clusters.ros_exporter(print)
+    exporter.build(Recorder())
     before = host.status(offering)["offers"]
     words = ["up", "--name", offering, "--with", "observability"]
     assert f"Adding {exporter.UPSTREAM} to the registry" in host.rigel(*words)

@@ -39,7 +39,6 @@ UNUSED = (
     "multiprocessing",
     "regex",
     "rich",
-    "rigel_k8s.commands.cluster",
     "rigel_exporter",
     "rigel_k8s.discovery",
     "rigel_k8s.images.docker",

@@ -30,8 +30,8 @@ class Hello(GoBuild):
     lock = Path(sys.argv[1])
 
 with reporter() as shown, closing(Steps(shown)) as steps:
-    steps.show("Preparing")
-    Hello("hello", "1.0.0", ("robot.example/hello",)).build(steps.show)
+    steps.line("Preparing")
+    Hello("hello", "1.0.0", ("robot.example/hello",)).build(steps.line)
     while not Path(sys.argv[2]).exists():
         time.sleep(0.1)
 """

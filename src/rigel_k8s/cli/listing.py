@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.words import is_quiet, namespace_option, print_json, settings
+from rigel_k8s.cli.words import is_quiet, json_option, namespace_option, print_json, settings
 from rigel_k8s.release.listing import ReleaseSummary
 
 #: Of revisions that are not good.
@@ -20,28 +20,18 @@ HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 @click.command("list")
 @namespace_option
 @click.option("-A", "--all-namespaces", is_flag=True, help="List the releases of all namespaces.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Choice(["table", "json", "yaml"]),
-    default="table",
-    help="Print in this format.",
-)
+@json_option
 @click.pass_context
 def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # noqa: FBT001
     """List the releases of a namespace or of the whole cluster; no Rigelfile is needed.
 
     READY counts workloads, AGE is the age of the newest revision, JOB is the job that made it.
     """
-    from rigel_k8s.commands import listing
+    from rigel_k8s.commands import status
 
-    namespace, found = listing.releases(settings(ctx), everywhere=all_namespaces)
+    namespace, found = status.releases(settings(ctx), everywhere=all_namespaces)
     if output == "json":
         print_json([summary_json(one) for one in found])
-    elif output == "yaml":
-        from rigel_k8s.yaml_text import document
-
-        click.echo(document([summary_json(one) for one in found]), nl=False)
     elif found:
         click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=all_namespaces))
     elif not is_quiet(ctx):

@@ -37,7 +37,7 @@ COMMANDS = {
     "render": ("releases", "Print the manifests that a job would apply."),
     "diff": ("releases", "Show what a job would change on the cluster."),
     "list": ("listing", "List the releases of a namespace or of the cluster."),
-    "status": ("releases", "Show what runs where, and why something is not ready."),
+    "status": ("status", "Show what runs where, and why something is not ready."),
     "graph": ("rosgraph", "Show the ROS graph: nodes by machine, topics, what is wrong."),
     "logs": ("pods", "Print the logs of ROS nodes."),
     "ui": ("ui", "Show a release live in the browser."),

@@ -75,7 +75,7 @@ def status(ctx: click.Context, /, output: str) -> int:
 
     Exit code 1 if the stack itself is not in order.
     """
-    from rigel_k8s.cli.tables import status_json
+    from rigel_k8s.cli.status import status_json
     from rigel_k8s.observability.reading import status as observe_status
 
     found = observe_status.status(settings(ctx))
@@ -139,7 +139,8 @@ def login(administrator: Administrator | None) -> str:
 
 def show_status(found: ObserveStatus) -> None:
     """Print a status as text."""
-    from rigel_k8s.cli.tables import status_text, table
+    from rigel_k8s.cli.status import status_text
+    from rigel_k8s.cli.tables import table
 
     click.echo(status_text(found.release))
     order = {True: "yes", False: "NO", None: "-"}

@@ -1,4 +1,4 @@
-"""`rigel render`, `diff`, `status`, `history`, `rollback` and `down`."""
+"""`rigel render`, `diff`, `history`, `rollback` and `down`."""
 
 from __future__ import annotations
 
@@ -102,29 +102,6 @@ def summary(steps: Iterable[Step]) -> str:
     }
     changes = [f"{counts[action]} {text}" for action, text in words.items() if counts.get(action)]
     return ", ".join(changes) or "nothing to do"
-
-
-@click.command()
-@release_argument
-@namespace_option
-@json_option
-@click.option(
-    "--no-graph",
-    is_flag=True,
-    help="Skip what is read from inside pods: DDS discovery and the gate.",
-)
-@click.pass_context
-def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
-    """Show what runs where, and what is wrong. Exit code 1 if anything is."""
-    from rigel_k8s.cli.tables import status_json, status_text
-    from rigel_k8s.commands import status as reading
-
-    found = reading.status(settings(ctx), job, graph=not no_graph)
-    if output == "json":
-        print_json(status_json(found.release, found.graph, found.gate))
-    else:
-        click.echo(status_text(found.release, graph=found.graph, gate=found.gate))
-    return 0 if found.ok else 1
 
 
 @click.command()

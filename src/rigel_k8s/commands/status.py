@@ -1,4 +1,4 @@
-"""status: what runs where, for one release.
+"""status and list: what runs where, for one release or all of them.
 
 Scripts call it often, so it imports nothing that only a deploy needs.
 """
@@ -10,6 +10,9 @@ import attrs
 from rigel_k8s.commands.targets import release
 from rigel_k8s.discovery.check import survey
 from rigel_k8s.discovery.findings import DiscoveryGraph
+from rigel_k8s.kube import connect
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.release.listing import ReleaseSummary, list_releases
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
 from rigel_k8s.rosgraph.handover import GateStatus, read_gate
@@ -52,3 +55,19 @@ def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status
         if not graph:
             return Status(state)
         return Status(state, survey(cluster, found.id), read_gate(cluster, found.id))
+
+
+def releases(settings: Settings, *, everywhere: bool) -> tuple[str | None, list[ReleaseSummary]]:
+    """Return the listed namespace, None for all, and its releases.
+
+    Raises:
+        Forbidden: the right to list Secrets or workloads is missing.
+    """
+    with connect(settings) as cluster:
+        namespace = None if everywhere else settings.namespace or cluster.namespace
+        try:
+            return namespace, list_releases(cluster, namespace)
+        except Forbidden as error:
+            if everywhere:
+                error.hint = "list one namespace only with `rigel list -n NAMESPACE`, without -A"
+            raise

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.programs
 SOURCES = Path(colors.__file__).parents[1]
 #: A status of DDS nodes: the widest table there is.
 TABLE = """
-from rigel_k8s.cli.tables import OPTIONAL, table
+from rigel_k8s.cli.status import OPTIONAL
+from rigel_k8s.cli.tables import table
 heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "INTERFACE", "ADDRESS", "DISCOVERED", "RESTARTS"]
 heads += ["AGE", "IMAGE"]
 row = ["talker", "/robot/front/talker", "1/1", "talker-7d8f9c6b5-x2x4z", "node2", "net1"]
@@ -71,7 +72,8 @@ def test_a_row_of_a_table_is_a_line_of_the_terminal(columns: int) -> None:
 def test_images_are_left_out_before_names_are_cut() -> None:
     """A pod's name is copied into the next command; an image's rarely."""
     code = """
-from rigel_k8s.cli.tables import OPTIONAL, table
+from rigel_k8s.cli.status import OPTIONAL
+from rigel_k8s.cli.tables import table
 heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
 pod = "driver-7d8f9c6b5-x2x4z"
 row = ["driver", "/bot/driver", "1/1", pod, "node2", "0", "73s", "10.0.0.2:5000/ros@sha256:f3d1c0a"]

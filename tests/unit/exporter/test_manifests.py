@@ -186,7 +186,7 @@ def test_an_image_that_nobody_named_comes_with_its_remedy() -> None:
 
 
 def test_status_tells_the_remedy_of_what_is_not_ready() -> None:
-    from rigel_k8s.cli.tables import reasons_of
+    from rigel_k8s.cli.status import reasons_of
 
     told = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: "do that"}
     bad = WorkloadStatus("Deployment", "ros-exporter", 0, 1, False, "0 of 1 ready", (), told)

@@ -7,7 +7,7 @@ from typing import Any
 import click
 import pytest
 
-from rigel_k8s.cli.tables import status_text
+from rigel_k8s.cli.status import status_text
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience

@@ -9,7 +9,8 @@ import attrs
 import click
 import pytest
 
-from rigel_k8s.cli.tables import ORPHAN, age, headline, status_json, status_text
+from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
+from rigel_k8s.cli.tables import age
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus

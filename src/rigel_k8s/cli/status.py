@@ -1,0 +1,271 @@
+"""`rigel status`: workloads and pods in columns, what is wrong below them; and as JSON."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from datetime import datetime, timezone
+from itertools import zip_longest
+from typing import Any
+from urllib.parse import urlsplit
+
+import attrs
+import click
+
+from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.tables import age, table
+from rigel_k8s.cli.width import wrap
+from rigel_k8s.cli.words import (
+    json_option,
+    namespace_option,
+    print_json,
+    release_argument,
+    settings,
+)
+from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
+from rigel_k8s.objects.marks import REMEDY_ANNOTATION
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.rosgraph.handover import GateStatus
+
+#: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
+ORPHAN = "orphan"
+#: What a narrow terminal does without, first the first.
+OPTIONAL = ("IMAGE", "ROS NAME", "AGE", "INTERFACE")
+#: The columns of a DDS graph.
+HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
+
+
+@click.command()
+@release_argument
+@namespace_option
+@json_option
+@click.option(
+    "--no-graph",
+    is_flag=True,
+    help="Skip what is read from inside pods: DDS discovery and the gate.",
+)
+@click.pass_context
+def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
+    """Show what runs where, and what is wrong. Exit code 1 if anything is."""
+    from rigel_k8s.commands import status as reading
+
+    found = reading.status(settings(ctx), job, graph=not no_graph)
+    if output == "json":
+        print_json(status_json(found.release, found.graph, found.gate))
+    else:
+        click.echo(status_text(found.release, graph=found.graph, gate=found.gate))
+    return 0 if found.ok else 1
+
+
+def status_text(
+    found: ReleaseStatus,
+    now: datetime | None = None,
+    graph: DiscoveryGraph | None = None,
+    gate: GateStatus | None = None,
+) -> str:
+    """Return a release's workloads and pods, and below them what is wrong."""
+    now = now or datetime.now(timezone.utc)
+    heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
+    if graph is not None:
+        heads[5:5] = HEADS
+    rows: list[list[str]] = []
+    colors: list[str | None] = []
+    for workload in found.workloads:
+        rows += rows_of(workload, now, graph)
+        colors += [None if workload.ok else WARNING] * (len(rows) - len(colors))
+    parts = [headline(found), table(heads, rows, OPTIONAL, colors) if rows else "nothing runs"]
+    lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
+    lines += gate_lines(gate, found) if gate is not None else ()
+    reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
+    wrong = [part for part in (reasons, way_out(found)) if part] or [total(found)]
+    drift = "\n".join(
+        click.style(wrap(f"{w.name} {text}; `rigel run --adopt` undoes it", sys.stdout), fg=WARNING)
+        for w in found.workloads
+        for text in w.drift
+    )
+    return "\n\n".join(part for part in (*parts, *wrong, drift) if part)
+
+
+def total(found: ReleaseStatus) -> str:
+    """Return how many workloads are ready."""
+    ready = sum(workload.ok for workload in found.workloads)
+    text = f"{ready} of {len(found.workloads)} ready"
+    if not found.workloads:
+        return ""
+    return click.style(text, fg="green") if ready == len(found.workloads) else text
+
+
+def headline(found: ReleaseStatus) -> str:
+    """Return the release and its revision."""
+    where = f"release {found.release.name} in namespace {found.release.namespace}"
+    if found.revision_status == UNSEEN:
+        return f"{where}; its revision cannot be read (the right to list secrets is missing)"
+    if not found.revision:
+        return f"{where}: no revision"
+    state = {"good": "", "pending": " (not finished)"}
+    suffix = state.get(found.revision_status, f" ({found.revision_status})")
+    old = f"; revision {found.good or 'before'} still runs" if found.keeps_old else ""
+    return f"{where}, revision {found.revision}{suffix}{old}"
+
+
+def rows_of(
+    workload: WorkloadStatus, now: datetime, graph: DiscoveryGraph | None = None
+) -> Iterator[list[str]]:
+    """Yield a row for each pod of a workload, or one row without a pod."""
+    ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
+    name = [workload.name, ros_name]
+    for pod in workload.pods:
+        on = pod.node or "-"
+        place = [pod.name, on, *(graph_cells(graph, pod.name) if graph is not None else ())]
+        rest = [str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
+        yield [*name, f"{int(pod.ready)}/1", *place, *rest]
+    if not workload.pods:
+        none = ["-"] * (5 + (len(HEADS) if graph is not None else 0))
+        yield [*name, f"{workload.ready}/{workload.desired}", *none]
+
+
+def reasons_of(found: ReleaseStatus) -> Iterator[str]:
+    """Yield why something is not ready, nodes with one cause together."""
+    alike: dict[str, list[str]] = {}
+    for workload in found.workloads:
+        if not workload.done and workload.message:
+            alike.setdefault(workload.message, []).append(workload.name)
+    for message, names in alike.items():
+        yield f"{', '.join(names)}: {message}"
+    for workload in found.workloads:
+        if not workload.done and (remedy := workload.annotations.get(REMEDY_ANNOTATION)):
+            yield f"{workload.name}: {remedy}"
+        stranded = (pod for pod in workload.pods if pod.phase == "Terminating" and pod.kind == AWAY)
+        for pod in (*find_unready(workload), *stranded):
+            if pod.message and pod.message not in workload.message:
+                yield f"{pod.name}: {pod.message}"
+
+
+def find_unready(workload: WorkloadStatus) -> list[PodStatus]:
+    """Return the pods that are not ready and should be; an ending one need not be."""
+    return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
+
+
+def way_out(found: ReleaseStatus) -> str:
+    """Return the command that brings back nodes that roscore has forgotten."""
+    orphans = [
+        w.name for w in found.workloads if any(pod.kind == ORPHAN for pod in find_unready(w))
+    ]
+    if not orphans:
+        return ""
+    names = " ".join(orphans)
+    count = "It comes" if len(orphans) == 1 else "They come"
+    return (
+        f"roscore has restarted and forgotten {names}. {count} back with\n"
+        f"  kubectl -n {found.release.namespace} rollout restart deployment {names}"
+    )
+
+
+def graph_cells(graph: DiscoveryGraph, pod: str) -> list[str]:
+    """Return one pod's cells: its interface, its address, discovered in how many other pods."""
+    row = next((one for one in graph.pods if one.pod == pod), None)
+    if row is None:
+        return ["-"] * len(HEADS)
+    return [row.interface or "all", row.address or "-", describe_discovery(row)]
+
+
+def describe_discovery(row: PodGraph) -> str:
+    """Return in how many other pods a pod was discovered, or what it connects through."""
+    if row.reaches:
+        return "over a server" if row.mode == "discovery-server" else "over a router"
+    if row.discovered_by is None or not row.out_of:
+        return "-"
+    return f"{len(row.discovered_by)}/{row.out_of}"
+
+
+def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
+    """Yield what is wrong, and what to do: once if it is the same for several."""
+    for problem, following in zip_longest(graph.problems, graph.problems[1:]):
+        same = following is not None and following.remedy == problem.remedy
+        yield f"{problem.message} [{problem.kind}]" if same else problem.text
+
+
+def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
+    """Yield lines for users: calls that wait, what was lost, nodes that wait or are silent."""
+    pods = {pod.ip: pod.name for workload in found.workloads for pod in workload.pods if pod.ip}
+
+    def place(api: str) -> str:
+        host = urlsplit(api).hostname or api
+        return f"pod {pods[host]}" if host in pods else f"{host} (no pod of this release)"
+
+    if gate.problem:
+        yield f"cannot reach the gate in front of roscore: {gate.problem}"
+        return
+    if gate.blocked:
+        yield f"{gate.blocked}; calls to the master wait until it succeeds"
+    elif not gate.has_master:
+        yield "roscore does not answer its gate; calls to the master wait until it does"
+    for refusal in gate.refused:
+        yield f"roscore did not accept again the {refusal}; restart the pod of its node"
+    for why in gate.unkept:
+        yield f"{why}; a new ros-master pod would not have the latest registrations and parameters"
+    for node in gate.waiting:
+        behind = f"take over from {place(node.owner)}" if node.owner else "have its name"
+        yield f"{node.node}: {place(node.api)} waits to {behind}"
+    for one in gate.conflicts:
+        when = (
+            f"{one.seconds:.0f} s ago" if one.seconds < 120 else f"{one.seconds / 60:.0f} min ago"
+        )
+        yield (
+            f"{one.node}: {place(one.old)} lost its name to {place(one.new)} {when}; ROS 1 allows"
+            " one node of a name: stop one of the two, or rename it"
+        )
+    for name in gate.silent:
+        yield f"{name} has not answered since roscore restarted; it is registered once it does"
+
+
+def shorten_image(image: str) -> str:
+    """Return an image with a digest short enough for a table."""
+    name, at, digest = image.partition("@sha256:")
+    return f"{name}{at}{digest[:7]}" if at else image or "-"
+
+
+def status_json(
+    found: ReleaseStatus, graph: DiscoveryGraph | None = None, gate: GateStatus | None = None
+) -> dict[str, Any]:
+    """Return a release for scripts (docs/cli.md)."""
+    return {
+        "release": found.release.name,
+        "namespace": found.release.namespace,
+        "revision": found.revision,
+        "revision_status": found.revision_status,
+        "good_revision": found.good,
+        "ready": all(workload.ok for workload in found.workloads),
+        "workloads": [workload_json(workload) for workload in found.workloads],
+        "graph": graph_json(graph),
+        "gate": None if gate is None else attrs.asdict(gate),
+    }
+
+
+def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
+    """Return a workload for scripts."""
+    return {
+        "kind": workload.kind,
+        "name": workload.name,
+        "ros_name": workload.annotations.get(ROS_NAME_ANNOTATION),
+        "ready": workload.ready,
+        "desired": workload.desired,
+        "done": workload.done,
+        "message": workload.message,
+        "old_runs": workload.old_runs,
+        "drift": list(workload.drift),
+        "pods": [attrs.asdict(pod) for pod in workload.pods],
+    }
+
+
+def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
+    """Return a graph for scripts (docs/discovery.md)."""
+    if graph is None:
+        return None
+    return {
+        "ok": not graph.problems,
+        "deaf": [{"from": one, "to": other} for one, other in graph.deaf],
+        "problems": [problem.to_json() for problem in graph.problems],
+        "pods": [attrs.asdict(pod) for pod in graph.pods],
+    }

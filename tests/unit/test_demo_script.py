@@ -61,6 +61,7 @@ def test_the_base_image_is_built_while_the_cluster_comes_up(tmp_path: Path) -> N
     assert "cluster down --name demo" in done.stdout
 
 
+@pytest.mark.programs
 def test_a_base_image_that_fails_says_why(tmp_path: Path) -> None:
     """What it printed meanwhile is shown, and nothing is deployed."""
     done = demo(tmp_path, fails=3)

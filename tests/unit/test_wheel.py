@@ -96,6 +96,7 @@ def test_every_file_of_the_package_is_in_the_wheel(wheel: Path) -> None:
     assert set(DATA) <= packed
 
 
+@pytest.mark.programs
 def test_the_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:
     """A Rigelfile is begun and checked, and the schema printed."""
     main = "import runpy; runpy.run_module('rigel_k8s', run_name='__main__')"
@@ -104,6 +105,7 @@ def test_the_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -
     assert '"$schema"' in python(installed, tmp_path, main, "schema")
 
 
+@pytest.mark.programs
 def test_what_is_read_at_run_time_is_in_the_wheel(installed: Path, tmp_path: Path) -> None:
     """Scripts, boards, and what images are made of."""
     python(installed, tmp_path, READS)

@@ -220,6 +220,7 @@ def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Pat
         assert ("unknown command" in done.stderr) == (word == "statsu")
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("line", "code", "error"),
     [

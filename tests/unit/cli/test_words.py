@@ -21,8 +21,8 @@ from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
 from rigel_k8s.commands import fleet, pods, releases, targets
 from rigel_k8s.commands import run as runs
-from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import history as logs
+from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.refs import ObjectRef

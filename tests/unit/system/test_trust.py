@@ -86,6 +86,7 @@ def test_no_command_runs_code_that_is_not_trusted(foreign: Path, words: list[str
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.programs
 def test_completion_runs_no_code_that_is_not_trusted(foreign: Path) -> None:
     """A shell asks at each press of the Tab key."""
     ended = rigel(foreign, **COMPLETION, COMP_CWORD="2")
@@ -93,6 +94,7 @@ def test_completion_runs_no_code_that_is_not_trusted(foreign: Path) -> None:
     assert not (foreign / "RAN").exists()
 
 
+@pytest.mark.programs
 def test_the_working_directory_on_the_search_path_is_not_trusted_either(foreign: Path) -> None:
     """An empty part of $PYTHONPATH, a usual slip, puts it there."""
     for library in LIBRARIES:
@@ -102,6 +104,7 @@ def test_the_working_directory_on_the_search_path_is_not_trusted_either(foreign:
     assert f"mine.Job would run the code in {foreign}/mine.py" in ended.stdout
 
 
+@pytest.mark.programs
 def test_the_error_says_what_would_run_and_what_to_type(foreign: Path) -> None:
     """For a job and for a provider; what the hint says makes the command work."""
     told = rigel(foreign, "check").stdout
@@ -117,6 +120,7 @@ def test_the_error_says_what_would_run_and_what_to_type(foreign: Path) -> None:
     assert (foreign / "RAN").read_text() == "whole whole.inner mine "
 
 
+@pytest.mark.programs
 def test_trust_as_an_option_of_a_command(foreign: Path) -> None:
     """--trust is remembered as `rigel trust` is."""
     (foreign / "Rigelfile").write_text(RIGELFILE.replace("  shop: {provider: mine.Shop}", ""))
@@ -124,6 +128,7 @@ def test_trust_as_an_option_of_a_command(foreign: Path) -> None:
     assert "the job ran" in rigel(foreign, "run", "job", "own").stderr
 
 
+@pytest.mark.programs
 def test_list_and_remove(tmp_path: Path) -> None:
     """The words of the command say what changed."""
     assert rigel(tmp_path, "trust").stdout == f"{tmp_path} is trusted now\n"

@@ -172,6 +172,7 @@ def test_uids_never_change() -> None:
     }
 
 
+@pytest.mark.programs
 @each
 def test_prometheus_can_read_every_query(
     model: dict[str, Any], promtool: str, tmp_path: Path

@@ -29,6 +29,7 @@ def run(*words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.programs
 def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
     """Prometheus' own checker finds nothing wrong, and no two rules record one name twice."""
     for name, text in rules().items():
@@ -38,6 +39,7 @@ def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
     assert "duplicate" not in said
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("case", sorted(CASES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_rule_does_what_its_cases_say(case: Path, promtool: str) -> None:
     """Each alert comes when it should, with these words, and not in a roll-out."""

@@ -6,6 +6,8 @@ import os
 import subprocess
 from pathlib import Path
 
+import pytest
+
 SCRIPT = Path(__file__).parents[2] / "examples/demo.sh"
 #: Notes its words; the base image's build waits until the cluster is up.
 RIGEL = """#!/bin/sh

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tools.budget import compare, find_tag, measure, read_tag, read_tree
 
 FILES = [
@@ -36,6 +38,7 @@ def test_the_last_tag_stands_beside_today() -> None:
     assert table[1:] == ["one  1,234    3      9", "two      0    1      9"]
 
 
+@pytest.mark.programs
 def test_a_commit_is_measured_like_the_working_tree() -> None:
     """As far as both have the same files; a tag is optional."""
     assert isinstance(find_tag(), str)

@@ -19,6 +19,8 @@ import pytest
 from tests.support.http_server import serving
 from tests.support.until import until
 
+pytestmark = pytest.mark.programs
+
 KUBECONFIG = """
 apiVersion: v1
 kind: Config

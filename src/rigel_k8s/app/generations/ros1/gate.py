@@ -1,16 +1,19 @@
-"""The gate in front of roscore: its container, the object with its state, and its rights."""
+"""The gate in front of roscore: its container, the object with its state, and its rights.
+
+They are in gate.yaml, apart from what differs from release to release.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from importlib.resources import files
 from typing import Any
+
+import yaml
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.pods import (
-    GATE_CONTAINER,
-    GATE_PORT,
     MASTER_NAME,
-    MASTER_PORT,
     ROSCORE_PORT,
     SCRIPTS_PATH,
     Object,
@@ -20,11 +23,11 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
+from rigel_k8s.yaml_text import Loader
 
 #: Where the gate's files are, so that Python finds `rigel_gate` from there.
 PROGRAM_PATH = "/rigel-k8s-gate"
 PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_gate"
-JOURNAL_PATH = "/rigel-k8s-memory"
 #: Where roscore finds roscore.xml, the list of what it starts.
 ROSCORE_PATH = "/rigel-k8s-roscore"
 #: Starts roscore with a master that listens on the loopback, where only this pod reaches it. The
@@ -36,17 +39,12 @@ LOOPBACK = [
 ]
 #: Restarts roscore while its container keeps running: callers reach the gate meanwhile.
 KEPT = ["/bin/sh", f"{SCRIPTS_PATH}/keep.sh"]
-MEMORY_NAME = f"{MASTER_NAME}-memory"
-ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
 #: The objects that the role `edit` may not write.
 KINDS = ("Role", "RoleBinding")
 RIGHTS = (
     "roscore's gate has a Role of its own, which the role `edit` may not write: request the rights"
     " that `rigel rbac deployer` prints, or set `gate: false`"
 )
-#: 100,000 parameters take 73 MiB. A caller that sends or requests too much ends the gate, which
-#: starts again with its state, and neither roscore nor another program of the machine.
-RESOURCES = {"requests": {"memory": "32Mi"}, "limits": {"memory": "256Mi"}}
 #: The ROS distributions whose images have the Python that the gate needs, 3.8.
 DISTROS = ("noetic",)
 
@@ -68,97 +66,31 @@ def remedies_of(made: Iterable[Object]) -> dict[str, str]:
     return {item["kind"]: RIGHTS for item in made if item["kind"] in KINDS}
 
 
-def gate_container(image: str, env: list[Object], release: str) -> Object:
-    """Return the gate's container; it runs on the Python of roscore's image."""
-    look = {"httpGet": {"path": "/ready", "port": MASTER_PORT}}
-    return {
-        "name": GATE_CONTAINER,
-        "image": image,
-        "command": ["python3", "-E", "-S", "-B", "-m", "rigel_gate"],
-        "args": ["--journal", f"{JOURNAL_PATH}/journal", "--object", MEMORY_NAME],
-        "workingDir": PROGRAM_PATH,
-        "env": env,
-        "ports": [
-            {"name": "ros", "containerPort": MASTER_PORT},
-            {"name": "hand-over", "containerPort": GATE_PORT},
-        ],
-        "resources": RESOURCES,
-        "startupProbe": {**look, "periodSeconds": 1, "failureThreshold": 2**31 - 1},
-        "readinessProbe": {**look, "periodSeconds": 10, "timeoutSeconds": 5},
-        "volumeMounts": [
-            inpod_volume(release)[1],
-            *({"name": v["name"], "mountPath": path, **more} for v, path, more in mounts(release)),
-        ],
-    }
+def load() -> Object:
+    """Return gate.yaml as plain data of the caller's own."""
+    text = files(__package__).joinpath("gate.yaml").read_text(encoding="utf-8")
+    found: Object = yaml.load(text, Loader)
+    return found
 
 
-def mounts(release: str) -> Iterator[tuple[Object, str, Object]]:
-    """Yield (volume, mount path, more of the mount) of what only the gate sees.
-
-    Only the gate gets the service account's token, not roscore or nodes.
-    """
-    files = {"name": program_config(release), "defaultMode": 0o444}
-    read_only = {"readOnly": True}
-    yield {"name": "gate-program", "configMap": files}, PACKAGE_PATH, read_only
-    yield {"name": "gate-journal", "emptyDir": {}}, JOURNAL_PATH, {}
-    namespace = {"path": "namespace", "fieldRef": {"fieldPath": "metadata.namespace"}}
-    sources = [
-        {"serviceAccountToken": {"path": "token"}},
-        {
-            "configMap": {
-                "name": "kube-root-ca.crt",
-                "items": [{"key": "ca.crt", "path": "ca.crt"}],
-            }
-        },
-        {"downwardAPI": {"items": [namespace]}},
-    ]
-    yield {"name": "gate-account", "projected": {"sources": sources}}, ACCOUNT_PATH, read_only
-
-
-def program_config(release: str) -> str:
-    """Return the name of the ConfigMap with the gate's files."""
-    return f"{release}-gate"
-
-
-def gate_objects(around: ReleaseContext, program: Mapping[str, str]) -> Iterator[Object]:
+def gate_objects(release: ReleaseContext, program: Mapping[str, str]) -> Iterator[Object]:
     """Yield what the gate needs in addition: its files, its state, the right to write it."""
-    yield config_map(around, program_config(around.release), program, part_of=MASTER_NAME)
-    yield {
-        "apiVersion": "v1",
-        "kind": "Secret",
-        "type": "Opaque",
-        "metadata": around.metadata(MEMORY_NAME, part_of=MASTER_NAME),
-    }
-    meta = around.metadata(MASTER_NAME)
-    yield {
-        "apiVersion": "v1",
-        "kind": "ServiceAccount",
-        "metadata": meta,
-        "automountServiceAccountToken": False,
-    }
-    rule = {
-        "apiGroups": [""],
-        "resources": ["secrets"],
-        "resourceNames": [MEMORY_NAME],
-        "verbs": ["get", "patch"],
-    }
-    api = "rbac.authorization.k8s.io"
-    yield {"apiVersion": f"{api}/v1", "kind": "Role", "metadata": meta, "rules": [rule]}
-    yield {
-        "apiVersion": f"{api}/v1",
-        "kind": "RoleBinding",
-        "metadata": meta,
-        "roleRef": {"apiGroup": api, "kind": "Role", "name": MASTER_NAME},
-        "subjects": [
-            {"kind": "ServiceAccount", "name": MASTER_NAME, "namespace": around.namespace}
-        ],
-    }
+    yield config_map(release, f"{release.release}-gate", program, part_of=MASTER_NAME)
+    for item in load()["objects"]:
+        for subject in item.get("subjects", ()):
+            subject["namespace"] = release.namespace
+        yield item | {"metadata": release.metadata(item["metadata"]["name"], part_of=MASTER_NAME)}
 
 
 def behind_gate(pod: Object, release: str) -> Object:
     """Return roscore's pod with a gate in front of it."""
     [roscore] = pod["containers"]
-    mount = {"name": "gate-program", "mountPath": ROSCORE_PATH, "readOnly": True}
+    file = load()
+    gate, volumes = file["container"], file["volumes"]
+    gate |= {"image": roscore["image"], "env": roscore["env"]}
+    gate["volumeMounts"].insert(0, inpod_volume(release)[1])
+    volumes[0]["configMap"]["name"] = f"{release}-gate"
+    mount = {"name": volumes[0]["name"], "mountPath": ROSCORE_PATH, "readOnly": True}
     own = {
         **{key: value for key, value in roscore.items() if key != "ports"},
         "args": [*KEPT, *LOOPBACK, *roscore["args"], "-p", str(ROSCORE_PORT)],
@@ -167,8 +99,8 @@ def behind_gate(pod: Object, release: str) -> Object:
     return drop_empty(
         {
             **pod,
-            "containers": [own, gate_container(roscore["image"], roscore["env"], release)],
-            "volumes": [*pod["volumes"], *(volume for volume, _, _ in mounts(release))],
+            "containers": [own, gate],
+            "volumes": [*pod["volumes"], *volumes],
             **service_account(MASTER_NAME),
         }
     )

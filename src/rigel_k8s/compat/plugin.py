@@ -2,23 +2,63 @@
 
 A plugin's setup checks, start works, stop never tears down. Rigel calls stop() after success too,
 and from its signal handler, in the middle of start(); so the work runs in a separate thread, and
-stop() cancels it and waits for it, once.
+stop() cancels it and waits for it, once. Reports of jobs go to Rigel's log, errors become its own.
 """
 
 from __future__ import annotations
 
+import logging
+import sys
 import threading
 from typing import Any, ClassVar
 
 from rigel_k8s.compat.found import command_line, find_use
-from rigel_k8s.compat.words import LogReport, rigel_error
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.jobs.branches import CancelScope
+from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.jobs.registry import job_type, provider_type
 from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
+
+#: The logger that Rigel configures with a handler and colours.
+LOGGER = logging.getLogger("Rigel")
+
+
+class LogReport:
+    """A reporter that writes a line for each change into Rigel's log."""
+
+    def __init__(self, name: str = "") -> None:
+        self._prefix = f"{name}: " if name else ""
+        self._states: dict[str, str] = {}
+
+    def line(self, text: str) -> None:
+        """Log something."""
+        LOGGER.info("%s%s", self._prefix, text)
+
+    def warn(self, text: str) -> None:
+        """Log something that the user should look at."""
+        LOGGER.warning("%s%s", self._prefix, text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Log a state once."""
+        if state and self._states.get(key) != state:
+            self._states[key] = state
+            LOGGER.info("%s%s: %s", self._prefix, key, state)
+
+    def child(self, name: str) -> JobReporter:
+        """Return a reporter whose lines begin with the name too."""
+        return LogReport(f"{self._prefix}{name}")
+
+
+def rigel_error(error: RigelK8sError) -> Exception:
+    """Return Rigel's error with the text of ours; Rigel logs it and exits with 1."""
+    lines = [error.message, *(f"  {detail}" for detail in error.details)]
+    if error.hint:
+        lines.append(f"hint: {error.hint}")
+    cls: type[Exception] = getattr(sys.modules.get("rigel.exceptions"), "RigelError", RuntimeError)
+    return cls("\n".join(lines))
 
 
 class JobPlugin:

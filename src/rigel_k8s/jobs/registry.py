@@ -2,7 +2,8 @@
 
 In this order: the names of this package (names.py; Rigel's and src.plugin's lead here too), entry
 points of installed packages, import paths (a module beside the Rigelfile counts, if its directory
-is trusted). It is independent of job types, and imports only the requested one.
+is trusted). It is independent of job types, and imports only the requested one. Whether a class has
+the interface is reported here, not when it runs: with the method and the signature it should have.
 """
 
 from __future__ import annotations
@@ -10,16 +11,42 @@ from __future__ import annotations
 import difflib
 import importlib
 import importlib.util
+import inspect
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.installed import broken_error, find
 from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, GROUPS, Kind, index_by_name, list_installed
-from rigel_k8s.jobs.validation import looks_like, validate, word
 from rigel_k8s.system.trust import require_trust
+
+#: The methods of a job type and of a provider, with their parameters.
+METHODS: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
+    "job": {"check": ("options", "application"), "run": ("options", "job")},
+    "provider": {
+        "check": ("options", "application"),
+        "connect": ("options", "name", "report"),
+        "disconnect": ("connection",),
+    },
+}
+
+#: Those that a job type may have.
+OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
+    "job": {
+        "exclusive": ("options", "application", "settings"),
+        "check_files": ("options", "application", "home"),
+        "check_jobs": ("options", "jobs"),
+        "parts": ("options", "job", "cluster"),
+        "release": ("options", "settings", "cluster"),
+        "workloads": ("options", "application"),
+    },
+    "provider": {},
+}
 
 
 def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
@@ -75,7 +102,8 @@ def _make_usable(kind: Kind, name: str, found: Any) -> Any:
         from rigel_k8s.jobs import rigelstyle  # few Rigelfiles name such classes
 
         if rigelstyle.fits(found, kind):
-            return rigelstyle.adapt(found, kind)
+            adapter = rigelstyle.RigelStyleJob if kind == "job" else rigelstyle.RigelStyleProvider
+            return adapter(found)
     validate(found, kind, name)
     return found()
 
@@ -138,3 +166,75 @@ def _unknown_error(kind: Kind, name: str) -> UserError:
         hint=f"use one of {', '.join(list_names(kind))}; or your own package.module.Class, which "
         "is installed or beside the Rigelfile",
     )
+
+
+def looks_like(cls: type[Any], kind: Kind) -> bool:
+    """Return whether the class is meant as ours: it has `options` or the method that works."""
+    return hasattr(cls, "options") or (kind == "job" and hasattr(cls, "run"))
+
+
+def validate(cls: type[Any], kind: Kind, name: str) -> None:
+    """Raise a UserError that lists everything that does not fit in the class."""
+    faults = [*_options_faults(cls), *_method_faults(cls, kind), *_constructor_faults(cls)]
+    if faults:
+        raise UserError(
+            f"{name} is not a {word(kind)}: {faults[0]}",
+            hint=_describe_interface(kind),
+            details=faults[1:],
+        )
+
+
+def word(kind: Kind) -> str:
+    """Return the kind's name for users."""
+    return "job type" if kind == "job" else "provider"
+
+
+def _describe_interface(kind: Kind) -> str:
+    methods = " and ".join(_signature(*one) for one in METHODS[kind].items())
+    return f"a {word(kind)} needs `options`, {methods}, and a constructor without arguments"
+
+
+def _options_faults(cls: type[Any]) -> Iterator[str]:
+    options = getattr(cls, "options", None)
+    if options is None:
+        yield "it has no `options`, the attrs class of what `with` may hold (or dict)"
+    elif not (isinstance(options, type) and (attrs.has(options) or options is dict)):
+        yield f"its `options` is {options!r}, not an attrs class (or dict)"
+
+
+def _method_faults(cls: type[Any], kind: Kind) -> Iterator[str]:
+    for method, parameters in METHODS[kind].items():
+        if not callable(getattr(cls, method, None)):
+            yield f"it has no method {_signature(method, parameters)}"
+        else:
+            yield from _find_misfit(cls, method, parameters)
+    for method, parameters in OPTIONAL[kind].items():
+        if hasattr(cls, method):
+            yield from _find_misfit(cls, method, parameters)
+
+
+def _find_misfit(cls: type[Any], method: str, parameters: tuple[str, ...]) -> Iterator[str]:
+    """Yield a fault if the method, called on an instance, does not take these parameters."""
+    static = isinstance(inspect.getattr_static(cls, method), staticmethod | classmethod)
+    function = getattr(cls, method)
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # written in C: its signature is unknown
+        return
+    try:
+        signature.bind(*(() if static else (None,)), *parameters)
+    except TypeError:
+        yield f"method {method}{signature} must be {_signature(method, parameters)}"
+
+
+def _constructor_faults(cls: type[Any]) -> Iterator[str]:
+    try:
+        inspect.signature(cls).bind()
+    except TypeError:
+        yield f"its constructor {cls.__name__}{inspect.signature(cls)} must not need arguments"
+    except ValueError:  # written in C: its signature is unknown
+        return
+
+
+def _signature(method: str, parameters: tuple[str, ...]) -> str:
+    return f"{method}({', '.join(('self', *parameters))})"

@@ -37,11 +37,6 @@ def fits(cls: type[Any], kind: Kind) -> bool:
     return True
 
 
-def adapt(cls: type[Any], kind: Kind) -> RigelStyleJob | RigelStyleProvider:
-    """Return our job type or provider that does what Rigel would do with the class."""
-    return RigelStyleJob(cls) if kind == "job" else RigelStyleProvider(cls)
-
-
 @attrs.frozen
 class RigelApplication:
     """What such classes read of Rigel's own application model."""

@@ -43,16 +43,11 @@ class Finding:
 def make_finding(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding:
     """Return an error about a node, or about its key."""
     if key and node.key_span:
-        return Finding(
-            node.key_span, message, kind, defined_at=node.key_defined_at, source=node.source
-        )
+        span, defined_at, environment = node.key_span, node.key_defined_at, None
+    else:
+        span, defined_at, environment = node.span, node.defined_at, node.environment
     return Finding(
-        node.span,
-        message,
-        kind,
-        defined_at=node.defined_at,
-        environment=node.environment,
-        source=node.source,
+        span, message, kind, defined_at=defined_at, environment=environment, source=node.source
     )
 
 

@@ -22,11 +22,7 @@ _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
 _COLLECTION_TAGS = frozenset({f"{_TAG}map", f"{_TAG}seq"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
-#: Each key or value except the first comes after one of these.
-_SEPARATORS = "\n,:[{?-"
 TOO_MANY = f"the file has more than {MOST_VALUES} values, including those from aliases"
-_BRACKET = re.compile(r"[\[\]{}]")
-_DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
 _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 
@@ -52,10 +48,6 @@ def find_excess(text: str) -> Finding | None:
 
     Keys and values are counted here, so a file may have up to twice as many as it may have values.
     """
-    most = 2 * MOST_VALUES
-    is_deep = _brackets(text) >= DEEPEST or _DEEP_LINE.search(text)
-    if not is_deep and sum(map(text.count, _SEPARATORS)) < most:
-        return None
     depth = values = 0
     try:
         for event in yaml.parse(text, Loader=_Loader):
@@ -67,7 +59,7 @@ def find_excess(text: str) -> Finding | None:
             if depth > DEEPEST:
                 message = f"values are nested more than {DEEPEST} deep"
                 return Finding(_event_span(event), message, "yaml")
-            if values > most:
+            if values > 2 * MOST_VALUES:
                 return Finding(_event_span(event), TOO_MANY, "yaml")
     except yaml.YAMLError:  # reported when it is parsed
         pass
@@ -77,15 +69,6 @@ def find_excess(text: str) -> Finding | None:
 def _event_span(event: yaml.Event) -> Span:
     start: Any = event.start_mark
     return _span(start, event.end_mark or start)  # type: ignore[arg-type]
-
-
-def _brackets(text: str) -> int:
-    """Return how deep brackets are nested at most; quoted ones count too."""
-    deepest = depth = 0
-    for bracket in _BRACKET.findall(text):
-        depth += 1 if bracket in "[{" else -1
-        deepest = max(deepest, depth)
-    return deepest
 
 
 def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:

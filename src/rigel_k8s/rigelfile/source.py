@@ -113,10 +113,8 @@ def node_of(value: Any, at: YamlNode) -> YamlNode:
         return attrs.evolve(at, value=str(value), raw=str(value))
     if isinstance(value, bool):
         return attrs.evolve(at, value=value, raw=str(value).lower())
-    if value is None:
-        return attrs.evolve(at, value=None, raw="")
-    if isinstance(value, int | float):
-        return attrs.evolve(at, value=value, raw=str(value))
+    if isinstance(value, int | float) or value is None:
+        return attrs.evolve(at, value=value, raw="" if value is None else str(value))
     raise TypeError(f"{type(value).__name__} is not data")
 
 

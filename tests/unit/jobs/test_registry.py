@@ -70,7 +70,7 @@ def test_names_of_rigel_and_of_the_peer_mean_ours(name: str, short: str) -> None
 @pytest.mark.parametrize("kind", ["job", "provider"])
 def test_every_name_of_ours_leads_to_a_class_that_fits(kind: Any) -> None:
     """The table of names and the modules of plugins/ agree, and each class keeps the seam."""
-    from rigel_k8s.jobs.validation import validate
+    from rigel_k8s.jobs.registry import validate
 
     resolve = job_type if kind == "job" else provider_type
     for builtin in BUILTIN[kind]:

@@ -72,9 +72,9 @@ def convert(
 ) -> None:
     """Print a Rigelfile that deploys a stack, each of its nodes in a pod.
 
-    STACK is a file, the id of a stack in a file of the working directory or of a thing at
-    --twin-url, or the URL of a Ditto thing. Warnings on standard error, and comments in the
-    Rigelfile, show what of the stack is not carried over.
+    STACK is a file, or the id of a stack in a file of the working directory or of a thing at
+    --twin-url. Warnings on standard error, and comments in the Rigelfile, show what of the stack is
+    not carried over.
 
     An archive with sources needs --to: the Rigelfile there builds an image of them and deploys it.
     """

@@ -85,7 +85,7 @@ def _convert(source: Muto, image: str | None, distro: str | None, *, builds: boo
     nothing = Source(name, "")
     sources: Tree = {}
     try:
-        stack, find = _open(source)
+        stack, find = _open(name, source)
         archive = find_archive(stack) if builds else None
         given = {name: text_of(value) for name, value in source.args.items()}
         if archive:
@@ -97,7 +97,7 @@ def _convert(source: Muto, image: str | None, distro: str | None, *, builds: boo
             ros2 = None if distro is None else Target(image, distro).is_ros2
             made = require_nodes(stack, translate(stack, given, find, ros2=ros2))
     except NotFound as error:
-        hint = "give a file, the id of a stack in a file of the working directory, or a URL"
+        hint = "give a file, the id of a stack in a file of the working directory or at --twin-url"
         raise UserError(str(error), hint=hint) from error
     except Unreadable as error:
         raise problems_error(nothing, [error.remark.finding]) from error
@@ -114,13 +114,13 @@ def _convert(source: Muto, image: str | None, distro: str | None, *, builds: boo
     return Converted(text, tuple(render(nothing, one) for one in findings), sources)
 
 
-def _open(source: Muto) -> tuple[Stack, Find]:
+def _open(name: str, source: Muto) -> tuple[Stack, Find]:
     """Return the stack, and a function that finds the stacks that it refers to."""
-    path = Path(source.name)
+    path = Path(name)
     home = path.parent if path.exists() else Path()
-    url = source.base_url
+    url = source.twin_url
     ask = Twin(url, source.access, os.environ, {}).find if url else None
-    return open_stack(source.name, Path(), home, ask, source.references)
+    return open_stack(name, Path(), home, ask, source.references)
 
 
 def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterator[Finding]:

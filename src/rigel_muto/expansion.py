@@ -73,13 +73,13 @@ def _translate(
     try:
         ask = _choose_twin(options, surroundings)
         home, chosen = surroundings.home, options.references
-        name = options.name if isinstance(options.stack, str) else at
+        name = options.stack if isinstance(options.stack, str) else at
         stack, find = open_stack(name, surroundings.directory, home, ask, chosen)
         made = translate(stack, given, find)
         return made if own else require_nodes(stack, made)
     except NotAsked:
         message = (
-            f"{options.base_url} is not queried for the stack: only render, diff and run do that"
+            f"{options.twin_url} is not queried for the stack: only render, diff and run do that"
         )
         return note(at, message, "not-fetched").finding
     except Unreadable as fault:
@@ -94,7 +94,7 @@ def _translate(
 
 def _choose_twin(options: Muto, surroundings: Surroundings) -> Find | None:
     """Return what finds the stacks of the Ditto that the options name, None if they name none."""
-    url, access = options.base_url, options.access
+    url, access = options.twin_url, options.access
     if url is None:
         return None
     fetched = surroundings.fetched

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.rigelfile.source import Source, YamlNode
-from rigel_muto.ditto import THINGS, Access, Ditto
+from rigel_muto.ditto import Access, Ditto
 from rigel_muto.formats import list_stacks
 from rigel_muto.library import SUFFIXES, Ambiguous, Library
 from rigel_muto.reading import read
@@ -125,23 +125,6 @@ class Twin:
             return answer.content.decode("utf-8")
         except UnicodeDecodeError as error:
             raise NotFound(f"{url} is not UTF-8") from error
-
-
-def split_url(stack: str) -> tuple[str, str] | None:
-    """Return the part of a thing's URL before /api/2/things, and the thing's id.
-
-    None: it is not a URL.
-
-    Raises:
-        ValueError: it is a URL, but not one of a thing.
-    """
-    if not stack.startswith(SCHEMES):
-        return None
-    check_url(stack)
-    base, things, identifier = stack.partition(THINGS)
-    if not things or not identifier or "/" in identifier:
-        raise ValueError(f"{stack} is not the URL of a Ditto thing: HOST{THINGS}ID")
-    return base, identifier
 
 
 def check_url(url: str) -> None:

@@ -12,7 +12,7 @@ from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.scalars import EnvName
 from rigel_k8s.option_text import Scalar
 from rigel_muto.ditto import Access
-from rigel_muto.opening import check_url, split_url
+from rigel_muto.opening import SCHEMES, check_url
 
 
 @attrs.frozen(kw_only=True)
@@ -21,8 +21,7 @@ class Muto:
 
     stack: str | Mapping[str, Any] = required_field(
         "a file with a stack, from the application's directory; the id (stackId, thingId) of a"
-        " stack in one of the files there, or at twin_url; the URL of a Ditto thing; or the stack"
-        " itself, as a mapping"
+        " stack in one of the files there, or at twin_url; or the stack itself, as a mapping"
     )
     args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
     references: Mapping[str, str] = option(
@@ -39,33 +38,22 @@ class Muto:
 
     def __attrs_post_init__(self) -> None:
         """Refuse options that contradict each other."""
-        written = self.stack if isinstance(self.stack, str) else ""
-        split = split_url(written)
-        if written.startswith("data:"):
+        name = self.stack if isinstance(self.stack, str) else ""
+        if name.startswith("data:"):
             raise ValueError("a stack cannot be a data URL: write the stack itself, as a mapping")
-        if split and self.twin_url:
-            raise ValueError("a stack that is a URL needs no twin_url: leave it out")
+        if name.startswith(SCHEMES):
+            raise ValueError(
+                "a stack cannot be a URL: write its id, and what stands before /api/2/things as"
+                " `twin_url`"
+            )
         if self.twin_url:
             check_url(self.twin_url)
         if (self.user is None) != (self.password is None):
             raise ValueError("user and password belong together")
         if self.token and self.user:
             raise ValueError("a token, or a user and a password: leave one out")
-        if (self.token or self.user) and not (split or self.twin_url):
+        if (self.token or self.user) and not self.twin_url:
             raise ValueError("token, user and password need twin_url")
-
-    @property
-    def name(self) -> str:
-        """The stack's file or id; "" for a stack that is written in its place."""
-        name = self.stack if isinstance(self.stack, str) else ""
-        split = split_url(name)
-        return split[1] if split else name
-
-    @property
-    def base_url(self) -> str | None:
-        """The Ditto that may be queried; None for none."""
-        split = split_url(self.stack) if isinstance(self.stack, str) else None
-        return split[0] if split else self.twin_url
 
     @property
     def access(self) -> Access:

@@ -85,11 +85,10 @@ def test_a_stack_and_what_it_refers_to_are_fetched_once(
     assert f"{ditto.url}/api/2/things/org:robot:1:" in made.warnings.texts[0]
 
 
-def test_a_things_url_names_stack_and_ditto(
-    ditto: HttpServer, rigelfile: Callable[..., Settings]
-) -> None:
-    settings = rigelfile(stack=f"{ditto.url}/api/2/things/org:base")
-    assert list(job_of(settings, None).options.nodes) == ["wheels"]
+def test_a_things_url_is_refused_with_what_replaces_it(rigelfile: Callable[..., Settings]) -> None:
+    settings = rigelfile(stack="https://ditto/api/2/things/org:base")
+    (found,) = rigelfiles.check(settings).findings
+    assert "write its id, and what stands before /api/2/things as `twin_url`" in found.message
 
 
 def test_files_come_before_the_ditto(
@@ -223,13 +222,10 @@ def test_convert_fetches_what_the_user_names(
 @pytest.mark.parametrize(
     "muto",
     [
-        {"stack": "https://ditto/api/2/search/things"},
-        {"stack": "https://ditto/api/2/things/org:a", "twin_url": "https://ditto"},
         {"stack": "org:a", "twin_url": "ditto"},
         {"stack": "org:a", "twin_url": "https://"},
         {"stack": "org:a", "twin_url": "https://[ditto"},
         {"stack": "org:a", "twin_url": "https://me:secret@ditto"},
-        {"stack": "https://me:secret@ditto/api/2/things/org:a"},
         {"stack": "org:a", "twin_url": "https://ditto", "user": "me"},
         {"stack": "org:a", "twin_url": "https://d", "user": "me", "password": "P", "token": "T"},
         {"stack": "org:a", "token": "TOKEN"},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 
 import attrs
 
@@ -116,17 +115,41 @@ class RosNode:
         )
 
 
-def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Iterator[Object]:
+@attrs.frozen
+class NodePod:
+    """What the pod of a node is made of.
+
+    Attributes:
+        plan: the network, with the node's own domain; wired: what that adds to this pod.
+        way: how the node is updated.
+        command: what its container runs, with the scripts that start it and run beside it.
+    """
+
+    release: ReleaseContext
+    node: RosNode
+    plan: NetworkPlan
+    wired: Wiring
+    way: Way
+    command: Command
+
+
+def node_objects(release: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Iterator[Object]:
     """Yield a node's objects."""
-    around = attrs.evolve(around, ros=node.ros)
+    release = attrs.evolve(release, ros=node.ros)
+    plan = plan_of(node, plan)
+    way = way_of(release, node, plan)
     command = node.ros.command_of(node.key, node.options, node.files)
     command = load_components(command, node.ros.components, node.key, node.options)
     command = make_transitions(command, node.key, node.options)
+    if way.script:
+        command = wrap(command, way.script)
+    command = put_start_before(command)
     if command.files:
-        yield config_map(around, parameters_config(node), command.files, part_of=node.name)
-    yield node_deployment(around, node, command, plan_of(node, plan))
+        yield config_map(release, parameters_config(node), command.files, part_of=node.name)
+    yield node_deployment(NodePod(release, node, plan, wiring_of(node, plan), way, command))
     if node.options.ports:
-        yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])
+        ports = [port_entry(port, service=True) for port in node.options.ports]
+        yield service(release, node.name, ports)
 
 
 def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
@@ -135,36 +158,29 @@ def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 
-def node_deployment(
-    around: ReleaseContext, node: RosNode, command: Command, plan: NetworkPlan
-) -> Object:
+def node_deployment(pod: NodePod) -> Object:
     """Return a node's Deployment with the user's patch merged in."""
-    options = node.options
+    node, options = pod.node, pod.node.options
     name = node.ros_name
-    wired = wiring_of(node, plan)
-    way = way_of(around, node, plan)
-    if way.script:
-        command = wrap(command, way.script)
-    command = put_start_before(command)
     notes = {} if node.is_application else {NODE_ANNOTATION: node.key}
     notes |= {ROS_NAME_ANNOTATION: name} if name else {}
-    several = wired.init_containers or node.is_application
-    if node.options.ros:
-        notes[ROS_ANNOTATION] = node.options.ros
+    several = pod.wired.init_containers or node.is_application
+    if options.ros:
+        notes[ROS_ANNOTATION] = options.ros
     made = deployment(
-        around,
+        pod.release,
         node.name,
-        pod_spec(around, node, command, plan, wired, way),
-        strategy=way.strategy,
+        pod_spec(pod),
+        strategy=pod.way.strategy,
         replicas=1 if name and options.replicas is None else node.identity.replicas,
         annotations=notes
         | ({SINGLETON_ANNOTATION: name} if name else {})
-        | way.annotations(around),
+        | pod.way.annotations(pod.release),
         pod_annotations={
             **notes,
-            **parameters_hash(command),
+            **parameters_hash(pod.command),
             **({DEFAULT_CONTAINER: node.container} if several and node.container else {}),
-            **wired.annotations,
+            **pod.wired.annotations,
         },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
@@ -172,7 +188,7 @@ def node_deployment(
     return merged
 
 
-def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
+def way_of(release: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
     """Return how a node is updated."""
     options = node.options
     obstacle = node.ros.find_obstacle(options, node.volumes, plan.options, plan.middleware)
@@ -180,7 +196,7 @@ def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
         obstacle = "its containers are the user's own"
     anonymous = options.anonymous
     return choose_way(
-        around, node.name, node.ros_name, options.update, obstacle, anonymous=anonymous
+        release, node.name, node.ros_name, options.update, obstacle, anonymous=anonymous
     )
 
 
@@ -193,26 +209,17 @@ def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
     return wire_pod(attrs.evolve(plan, ros=node.ros), node.identity)
 
 
-def pod_spec(
-    around: ReleaseContext,
-    node: RosNode,
-    command: Command,
-    plan: NetworkPlan,
-    wired: Wiring,
-    way: Way,
-) -> Object:
+def pod_spec(pod: NodePod) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
-    options = node.options
-    pairs = [*ros_volumes(around), *parameter_volume(node, command)]
+    node, options = pod.node, pod.node.options
+    pairs = [*ros_volumes(pod.release), *parameter_volume(node, pod.command)]
     volumes, seen = mounts(options, node.volumes)
     volumes = [*(volume for volume, _ in pairs), *volumes]
-    seen = [*(mount for _, mount in pairs), *seen, *wired.mounts]
+    seen = [*(mount for _, mount in pairs), *seen, *pod.wired.mounts]
     made = {
-        "initContainers": list(wired.init_containers) if node.container else [],
-        "containers": [container(around, node, command, plan, wired, way, seen)]
-        if node.container
-        else [],
-        "volumes": [*volumes, *wired.volumes],
+        "initContainers": list(pod.wired.init_containers) if node.container else [],
+        "containers": [container(pod, seen)] if node.container else [],
+        "volumes": [*volumes, *pod.wired.volumes],
         "nodeSelector": options.placement.node_selector,
         "affinity": affinity(options.placement),
         "tolerations": tolerations(options.tolerations, pinned=node.pinned),
@@ -222,23 +229,16 @@ def pod_spec(
         **service_account(options.service_account and str(options.service_account)),
         "terminationGracePeriodSeconds": grace_seconds(options),
     }
-    return drop_empty(made | dict(wired.pod))
+    return drop_empty(made | dict(pod.wired.pod))
 
 
-def container(
-    around: ReleaseContext,
-    node: RosNode,
-    command: Command,
-    plan: NetworkPlan,
-    wired: Wiring,
-    way: Way,
-    volume_mounts: Sequence[Object],
-) -> Object:
+def container(pod: NodePod, volume_mounts: Sequence[Object]) -> Object:
     """Return the node's one container."""
-    options = node.options
+    node, options, command = pod.node, pod.node.options, pod.command
     defaults = ros_variables(
-        around, namespace=ros_namespace(node), host_network=options.host_network
+        pod.release, namespace=ros_namespace(node), host_network=options.host_network
     )
+    own = {**pod.wired.env, **pod.way.env, **list_variables(node.key, options)}
     return drop_empty(
         {
             "name": node.container,
@@ -246,31 +246,27 @@ def container(
             "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
             "command": command.command and list(command.command),
             "args": command.args and list(command.args),
-            "env": environment(defaults, {**wired.env, **own_variables(node, way)}, options.env),
-            "ports": [container_port(port) for port in ports_of(options)],
+            "env": environment(defaults, own, options.env),
+            "ports": [port_entry(port, service=False) for port in options.ports],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),
-            **probes(readiness_of(around, options.readiness), asked_words(node, plan, way)),
+            **probes(readiness_of(pod.release, options.readiness), list_probe_words(pod)),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
         }
     )
 
 
-def own_variables(node: RosNode, way: Way) -> dict[str, Object]:
-    """Return the variables for the scripts in a node's pod."""
-    return {**way.env, **list_variables(node.key, node.options)}
-
-
-def asked_words(node: RosNode, plan: NetworkPlan, way: Way) -> tuple[str, ...]:
+def list_probe_words(pod: NodePod) -> tuple[str, ...]:
     """Return what the readiness probe of a node checks: the network, then scripts next to it."""
-    options = node.options
+    options = pod.node.options
     waited_for = {
         "--transitions": bool(options.lifecycle and options.lifecycle.start),
         "--components": bool(options.components),
     }
-    beside = ((option, full_name(node.key, options)) for option, on in waited_for.items() if on)
-    return (*plan.ros.probe(plan), *way.probe, *chain.from_iterable(beside))
+    name = full_name(pod.node.key, options)
+    beside = (word for option, on in waited_for.items() if on for word in (option, name))
+    return (*pod.plan.ros.probe(pod.plan), *pod.way.probe, *beside)
 
 
 def grace_seconds(options: NodeOptions) -> int | None:
@@ -324,35 +320,11 @@ def parameters_hash(command: Command) -> dict[str, str]:
     return {PARAMETERS_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:16]}
 
 
-def ports_of(options: NodeOptions) -> list[PortOptions]:
-    """Return the ports with all their fields."""
-    return [port_of(port) for port in options.ports]
-
-
-def port_of(port: Port | PortOptions) -> PortOptions:
-    """Return a port, written as a number or in full."""
-    return port if isinstance(port, PortOptions) else PortOptions(port=port)
-
-
-def port_name(port: PortOptions) -> str:
-    """Return a port's name: Kubernetes needs one if there are two."""
-    return str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
-
-
-def container_port(port: PortOptions) -> Object:
-    """Return the container's side of a port."""
-    return {
-        "name": port_name(port),
-        "containerPort": int(port.port),
-        "protocol": port.protocol,
-    }
-
-
-def service_port(port: PortOptions) -> Object:
-    """Return the Service's side of a port."""
-    return {
-        "name": port_name(port),
-        "port": int(port.service_port or port.port),
-        "targetPort": int(port.port),
-        "protocol": port.protocol,
-    }
+def port_entry(port: Port | PortOptions, *, service: bool) -> Object:
+    """Return the container's side of a port, or the Service's; Kubernetes needs names for two."""
+    port = port if isinstance(port, PortOptions) else PortOptions(port=port)
+    name = str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
+    own = {"containerPort": int(port.port)}
+    if service:
+        own = {"port": int(port.service_port or port.port), "targetPort": int(port.port)}
+    return {"name": name, **own, "protocol": port.protocol}

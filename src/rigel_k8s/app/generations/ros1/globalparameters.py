@@ -60,7 +60,7 @@ def setter_of(options: OrchestrationOptions, image: str) -> Companion:
 
 
 def setter_objects(
-    around: ReleaseContext,
+    release: ReleaseContext,
     identity: PodIdentity,
     options: OrchestrationOptions,
     files: Mapping[str, str],
@@ -77,9 +77,14 @@ def setter_objects(
     if options.parameters:
         mounted |= write_values(tree(options.parameters))
     if mounted:
-        yield config_map(around, identity.name, mounted, part_of=identity.name)
-    line = [*begin("ros1", options), *list_steps(options, "/"), "--keep", mark_name(around.release)]
-    volume, mount = inpod_volume(around.release)
+        yield config_map(release, identity.name, mounted, part_of=identity.name)
+    line = [
+        *begin("ros1", options),
+        *list_steps(options, "/"),
+        "--keep",
+        mark_name(release.release),
+    ]
+    volume, mount = inpod_volume(release.release)
     volumes, mounts = [volume], [mount]
     if mounted:
         volumes.append({"name": "rigel-parameters", "configMap": {"name": identity.name}})
@@ -88,7 +93,7 @@ def setter_objects(
         "name": CONTAINER,
         "image": identity.image,
         "args": line,
-        "env": environment(ros_variables(around), wired.env),
+        "env": environment(ros_variables(release), wired.env),
         **probes(Readiness(command=["/bin/sh", "-c", READY]), ()),
         "resources": RESOURCES,
         "volumeMounts": [*mounts, *wired.mounts],
@@ -102,7 +107,7 @@ def setter_objects(
     }
     notes = {ROS_ANNOTATION: "none"}
     yield deployment(
-        around,
+        release,
         identity.name,
         drop_empty(pod),
         strategy={"type": "Recreate"},

@@ -103,15 +103,15 @@ def master_of(options: OrchestrationOptions, distro: str) -> Companion:
 
 
 def master_deployment(
-    around: ReleaseContext,
+    release: ReleaseContext,
     image: str,
     params: Mapping[str, Any],
     wired: Wiring,
     node_selector: Mapping[str, str],
 ) -> Object:
     """Return roscore's Deployment with the user's own parts merged in."""
-    volume, mount = inpod_volume(around.release)
-    own = attrs.evolve(around, master_uri=f"http://localhost:{MASTER_PORT}")
+    volume, mount = inpod_volume(release.release)
+    own = attrs.evolve(release, master_uri=f"http://localhost:{MASTER_PORT}")
     container = {
         "name": MASTER_CONTAINER,
         "image": image,
@@ -133,11 +133,11 @@ def master_deployment(
         }
     )
     notes = dict(wired.annotations)
-    if around.gate:
-        pod = behind_gate(pod, around.release)
+    if release.gate:
+        pod = behind_gate(pod, release.release)
         notes[DEFAULT_CONTAINER] = MASTER_CONTAINER
     made = deployment(
-        around,
+        release,
         MASTER_NAME,
         pod,
         strategy={"type": "Recreate"},
@@ -158,7 +158,7 @@ def patient(made: Object) -> Object:
     return {**made, "readinessProbe": {**made["readinessProbe"], "failureThreshold": 6}}
 
 
-def master_service(around: ReleaseContext, master: Mapping[str, Any]) -> Object:
+def master_service(release: ReleaseContext, master: Mapping[str, Any]) -> Object:
     """Return the Service by which all pods find roscore.
 
     When a machine is lost, its pod continues to exist until the machine is back, and another pod
@@ -169,12 +169,12 @@ def master_service(around: ReleaseContext, master: Mapping[str, Any]) -> Object:
     Args:
         master: roscore's Deployment.
     """
-    ports = {"ros": MASTER_PORT} | ({"hand-over": GATE_PORT} if around.gate else {})
+    ports = {"ros": MASTER_PORT} | ({"hand-over": GATE_PORT} if release.gate else {})
     listed = [
         {"name": name, "port": port, "targetPort": port, "protocol": "TCP"}
         for name, port in ports.items()
     ]
-    made = service(around, MASTER_NAME, listed)
+    made = service(release, MASTER_NAME, listed)
     if stays(master["spec"]["template"]["spec"]):
         made["spec"]["publishNotReadyAddresses"] = True
     return made

@@ -60,8 +60,15 @@ class Loading:
 
 @attrs.frozen
 class Texts:
-    """What objects contain of files: parameter files by their names in the Rigelfile, a program."""
+    """What objects contain of files, by name.
 
+    Attributes:
+        scripts: the in-pod scripts.
+        files: parameter files, by their names in the Rigelfile.
+        program: that of the generation's companions.
+    """
+
+    scripts: Mapping[str, str] = attrs.field(factory=dict)
     files: Mapping[str, str] = attrs.field(factory=dict)
     program: Mapping[str, str] = attrs.field(factory=dict)
 

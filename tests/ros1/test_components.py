@@ -9,6 +9,7 @@ import pytest
 
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.parameters import PARAMETERS_PATH
+from rigel_k8s.generation import Texts
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Application
 from tests.support.options import options
@@ -45,7 +46,7 @@ def manager(*, substitution_args: bool = False, **components: dict[str, Any]) ->
     """Return the container of a node called manager."""
     node = {"components": components, "substitution_args": substitution_args}
     asked = options({"image": "robot:1", "nodes": {"manager": node}})
-    made = draft(asked, ReleaseId("robots", "robot"), Application("noetic"), {}).objects
+    made = draft(asked, ReleaseId("robots", "robot"), Application("noetic"), Texts()).objects
     found = {(item["kind"], item["metadata"]["name"]): item for item in made}
     pod = found["Deployment", "manager"]["spec"]["template"]["spec"]
     config = found["ConfigMap", "manager-parameters"]["data"]

@@ -95,6 +95,12 @@ class RosNode:
         return full_name(self.key, self.options)
 
     @property
+    def sets_name(self) -> bool:
+        """Whether its program gets its ROS name here; others may have a name of their own."""
+        line = self.ros.program(self.options)
+        return not self.options.launch and self.ros.takes_arguments(line)
+
+    @property
     def identity(self) -> PodIdentity:
         """The node's identity on the network."""
         replicas = self.options.replicas

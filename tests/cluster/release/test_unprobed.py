@@ -11,6 +11,7 @@ import yaml
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RolloutFailed
+from rigel_k8s.generation import Texts
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, structure
@@ -32,7 +33,7 @@ def release(make: Any, name: str, command: str) -> Desired:
     assert tree is not None, findings
     found = structure(tree, OrchestrationOptions)
     assert isinstance(found.draft, OrchestrationOptions), found.problems
-    drafted = draft(found.draft, ReleaseId(make.namespace, name), Application("jazzy"), {})
+    drafted = draft(found.draft, ReleaseId(make.namespace, name), Application("jazzy"), Texts())
     return drafted.finish()
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.generation import Texts
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, merge_options, structure
@@ -50,8 +51,7 @@ def release(text: str, **more: Any) -> Desired:
         chosen,
         ReleaseId("robots", str(chosen.deployment_name)),
         Application(more.pop("distro", distro_of(text))),
-        SCRIPTS,
-        files=more.pop("files", None),
+        Texts(SCRIPTS, more.pop("files", {})),
         previous=more.pop("previous", ()),
     )
     made = drafted.finish(**more)

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.desired import Parts, graph_of
 from rigel_k8s.app.generations.ros1.commands import resolve
+from rigel_k8s.app.parts import Parts
 from rigel_k8s.generation import GENERATIONS, Texts
 from rigel_k8s.objects.workloads import ReleaseContext
 
@@ -64,6 +64,6 @@ def test_components_are_looked_for_where_they_are_nodes_of_the_graph(
     """The master knows the manager only; in DDS each component announces itself."""
     text = "{image: a, deploy_ros_master: false, nodes: {m: {components:"
     text += " {eye: {package: a, plugin: b, namespace: robot}}}}}"
-    around = ReleaseContext("robots", "robot", "jazzy", GENERATIONS[ros])
-    own = Parts(options(text), around, Texts())
-    assert set(graph_of(own, own.plan(())).expected) == names
+    context = ReleaseContext("robots", "robot", "jazzy", GENERATIONS[ros])
+    own = Parts(options(text), context, Texts())
+    assert set(own.watched_graph(own.plan(())).expected) == names

@@ -10,6 +10,7 @@ from rigel_k8s.app.desired import draft
 from rigel_k8s.app.generations.ros1.binding import MASTER_ANNOTATION
 from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.app.options import KubernetesParams, NodeOptions, OrchestrationOptions
+from rigel_k8s.generation import Texts
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, ObjectName, RosUri
 from rigel_k8s.release.types import ReleaseId
@@ -25,7 +26,7 @@ def templates(**options: Any) -> dict[str, dict[str, Any]]:
         ),
         ReleaseId("lab", "app"),
         Application("noetic"),
-        {"ready.sh": ""},
+        Texts({"ready.sh": ""}),
     ).finish()
     return {
         item["metadata"]["name"]: item["spec"]["template"]["metadata"].get("annotations", {})
@@ -61,7 +62,7 @@ def test_the_master_comes_first() -> None:
         OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
         ReleaseId("lab", "app"),
         Application("noetic"),
-        {"ready.sh": ""},
+        Texts({"ready.sh": ""}),
     ).finish()
     first = [
         item["metadata"]["name"]
@@ -91,7 +92,7 @@ def test_the_pod_of_a_lost_machine_is_left_out_of_the_service(
         ),
         ReleaseId("lab", "app"),
         Application("noetic"),
-        {"ready.sh": ""},
+        Texts({"ready.sh": ""}),
     ).finish()
     [service] = [item for item in made.objects if item["kind"] == "Service"]
     assert service["metadata"]["name"] == "ros-master"
@@ -123,7 +124,7 @@ def test_global_parameters_are_set_by_an_image_that_is_there() -> None:
             OrchestrationOptions(nodes={"talker": talker}, parameters={"a": 1}, **options),
             ReleaseId("lab", "app"),
             Application("noetic"),
-            {"ready.sh": ""},
+            Texts({"ready.sh": ""}),
         )
         (setter,) = (
             item

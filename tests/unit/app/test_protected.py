@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from rigel_k8s.app.desired import list_protected
+from rigel_k8s.app.desired import Draft
+from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.release.types import ReleaseId
 
 
 def test_data_outlive_down() -> None:
@@ -12,5 +14,6 @@ def test_data_outlive_down() -> None:
         {"apiVersion": "v1", "kind": kind, "metadata": {"name": "maps", "namespace": "robot"}}
         for kind in kinds
     ]
-    found = [ref.kind for ref in list_protected(made)]
-    assert found == ["PersistentVolumeClaim", "PersistentVolume"]
+    drafted = Draft(ReleaseId("robot", "robot"), GENERATIONS["2"], [((), one) for one in made])
+    kept = {ref.kind for ref in drafted.finish().protected}
+    assert kept == {"PersistentVolumeClaim", "PersistentVolume"}

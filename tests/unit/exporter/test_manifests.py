@@ -12,6 +12,7 @@ from rigel_exporter.config import Config
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.generation import Texts
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -33,7 +34,7 @@ def options(text: str) -> OrchestrationOptions:
 
 
 def release(text: str, distro: str = "noetic", **more: Any) -> Desired:
-    drafted = draft(options(text), ReleaseId("robots", "app"), Application(distro), {}, **more)
+    drafted = draft(options(text), ReleaseId("robots", "app"), Application(distro), Texts(), **more)
     return drafted.finish()
 
 
@@ -114,7 +115,7 @@ def test_it_finds_participants_as_nodes_do(network: str, told: dict[str, Any]) -
     text = f"{NODES}\nnetwork: {{ mode: {network} }}{ON}"
     chosen = options(text)
     release_id = ReleaseId("robots", str(chosen.deployment_name))
-    made = draft(chosen, release_id, Application("jazzy"), {})
+    made = draft(chosen, release_id, Application("jazzy"), Texts())
     [found] = [
         o for o in made.objects if o["metadata"]["name"] == "rigel-k8s-application-ros-exporter"
     ]

@@ -15,6 +15,7 @@ from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import TargetJob, job_of, read_jobs
 from rigel_k8s.errors import ProblemsError
+from rigel_k8s.generation import Texts
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise
@@ -328,7 +329,7 @@ def objects_of(rigelfile: Path) -> list[dict[str, Any]]:
     made = realise(loaded, loaded.jobs["deploy"], None, {}, OrchestrationJob.options)
     assert "muto" not in made.raw
     release = ReleaseId("robots", "stack")
-    drafted = draft(made.options, release, loaded.application, SCRIPTS)
+    drafted = draft(made.options, release, loaded.application, Texts(SCRIPTS))
     return list(drafted.finish(raw=made.raw).objects)
 
 

@@ -22,11 +22,12 @@ from rigel_k8s.app.deploying.images import (
 )
 from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
 from rigel_k8s.app.deploying.target import release_of
-from rigel_k8s.app.desired import draft, has_workloads
+from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
+from rigel_k8s.app.parts import has_workloads
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import generation_of
+from rigel_k8s.generation import Texts, generation_of
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.observability.request import StackRequest, request_of
@@ -116,9 +117,11 @@ def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
         options,
         release,
         request.application,
-        scripts(),
-        files=read_parameter_files(options, request.application.dir, home),
-        program=generation_of(request.application.distro, options.ros).read_program(),
+        Texts(
+            scripts(),
+            read_parameter_files(options, request.application.dir, home),
+            generation_of(request.application.distro, options.ros).read_program(),
+        ),
         previous=last.objects() if network and network.ipam == "static" else (),
     )
     known = [

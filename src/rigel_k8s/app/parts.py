@@ -1,0 +1,159 @@
+"""The workloads of a release, from the options to their objects: nodes, and what is beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.application import (
+    APP_CONTAINER,
+    application_options,
+    has_application,
+    remote_selector,
+    replaces_container,
+)
+from rigel_k8s.app.networkpolicy import policy_objects
+from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.volumes import storage
+from rigel_k8s.generation import Companion, Texts
+from rigel_k8s.network.modes import network_objects, wire_pod
+from rigel_k8s.network.plan import network_plan
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
+from rigel_k8s.objects.pods import Object, scripts_config
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.tolerations import tolerations
+from rigel_k8s.objects.workloads import ReleaseContext, config_map
+from rigel_k8s.observability.exporter import WatchedGraph, exporter_identity, exporter_objects
+from rigel_k8s.observability.options import RosMetrics
+from rigel_k8s.problems import Path
+
+Traced = Iterator[tuple[Path, Object]]
+
+
+def has_workloads(options: OrchestrationOptions) -> bool:
+    """Return whether the job runs anything."""
+    return bool(options.nodes or has_application(options) or options.deploy_ros_master)
+
+
+@attrs.frozen
+class Parts:
+    """The workloads of a release before they are manifests."""
+
+    options: OrchestrationOptions
+    release: ReleaseContext
+    texts: Texts
+
+    @property
+    def companions(self) -> Sequence[Companion]:
+        """The workloads beside the nodes."""
+        return self.release.ros.companions(self.options, self.release.distro)
+
+    def nodes(self) -> Iterator[RosNode]:
+        """Yield the nodes, src.plugin's one application first."""
+        volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
+        if has_application(self.options):
+            yield RosNode(
+                str(self.options.deployment_name),
+                application_options(self.options),
+                self.release.ros,
+                str(self.options.application_image or self.release.default_image),
+                volumes=volumes,
+                container=None if replaces_container(self.options) else APP_CONTAINER,
+                is_application=True,
+            )
+        for key, node in self.options.nodes.items():
+            image = str(node.image or self.options.image)
+            ros = self.release.ros.of_node(node)
+            yield RosNode(str(key), node, ros, image, self.texts.files, volumes)
+
+    @property
+    def exporter(self) -> RosMetrics | None:
+        """What the exporter should do; None without one, or if it could see nothing."""
+        unseen = self.release.ros.explain_unseen(self.options)
+        seen = has_workloads(self.options) and unseen is None
+        return self.options.observability.exporter if seen else None
+
+    def identities(self) -> Iterator[PodIdentity]:
+        """Yield the identities of all workloads on the network."""
+        yield from (companion.identity for companion in self.companions)
+        yield from (node.identity for node in self.nodes())
+
+    def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
+        """Return the network of all of them.
+
+        The exporter connects to the others, never they to it; but it has an address of its own.
+        """
+        network = self.options.network
+        static = network is not None and network.ipam == "static"
+        watching = [exporter_identity(self.exporter)] if static and self.exporter else []
+        return network_plan(
+            network,
+            namespace=self.release.namespace,
+            release=self.release.release,
+            ros=self.release.ros,
+            distro=self.release.distro,
+            middleware=self.options.middleware,
+            pods=(*self.identities(), *watching),
+            previous=previous,
+            pull_secrets=self.release.pull_secrets,
+        )
+
+    def objects(self, plan: NetworkPlan) -> Traced:
+        """Yield every object with the path of the options that it comes from."""
+        options, release = self.options, self.release
+        if has_workloads(options):
+            scripts = scripts_config(release.release)
+            yield (), config_map(release, scripts, self.texts.scripts, part_of=release.release)
+            yield from network_objects(plan)
+        if options.network_policy and has_workloads(options):
+            watched = self.exporter is not None
+            for item in policy_objects(release, options.network_policy, exporter=watched):
+                yield ("network_policy",), item
+        volumes = options.persistent_storage.volumes
+        for index, item in storage(volumes, release.namespace, release.release):
+            yield ("persistent_storage", "volumes", index), item
+        for companion in self.companions:
+            wired = wire_pod(plan, companion.identity)
+            yield from companion.objects(release, self.texts, wired, self.place())
+        application = "application_image" if options.application_image else "additional_k8s_params"
+        for node in self.nodes():
+            path = (application,) if node.is_application else ("nodes", node.key)
+            for item in node_objects(release, node, plan):
+                yield path, item
+        if self.exporter:
+            graph = self.watched_graph(plan)
+            for item in exporter_objects(release, self.exporter, graph, plan):
+                yield ("observability",), item
+
+    def watched_graph(self, plan: NetworkPlan) -> WatchedGraph:
+        """Return what the exporter should see: the nodes of one domain, and their Deployments."""
+        nodes = list(self.nodes())
+        domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
+        domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
+        near = [node for node in nodes if domains[node.key] == domain]
+        named = {node.ros_name: node for node in near if node.ros_name}
+        ours = {name: node.name for name, node in named.items() if node.sets_name}
+        rest = {name: node.name for name, node in named.items() if name not in ours}
+        loading = self.release.ros.components
+        if loading is not None and loading.are_nodes:
+            ours |= {
+                one.full_name(key): n.name
+                for n in near
+                for key, one in n.options.components.items()
+            }
+        ours |= {one.ros_name: one.identity.name for one in self.companions if one.ros_name}
+        return WatchedGraph(ours, rest, domain or 0, self.place())
+
+    def place(self) -> Mapping[str, Any]:
+        """Return where workloads beside the nodes run: with them, if all are bound to one place."""
+        options = self.options
+        chosen = [node.placement.node_selector for node in options.nodes.values()]
+        if has_application(options):
+            chosen.append(remote_selector(options.distributed))
+        if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):
+            return {}
+        asked = next(iter(options.nodes.values())).tolerations if options.nodes else []
+        return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}

@@ -41,8 +41,7 @@ agent/protocols/    Muto's two generations and Symphony: messages as commands, o
 agent/wanted.py     what must run after a command, as the record that outlives the agent
 agent/allowance.py  what commands may use
 agent/address.py    where the broker is, and how to log in
-agent/deliveries.py which messages were carried out
-agent/broker.py     the connection to the broker
+agent/broker.py     the connection to the broker, and which messages were carried out
 agent/serving.py    the loop: a message, the command in it, its answers
 agent/turns.py      one command at a time; the newest wins
 agent/memory.py     the Secret with the record

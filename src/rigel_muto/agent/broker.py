@@ -2,6 +2,8 @@
 
 The session outlasts the connection: what is sent with QoS 1 while the agent is disconnected arrives
 later. A message is acknowledged only after it was carried out; otherwise the broker sends it again.
+It also does that if the connection ended before the acknowledgement arrived: such a copy has the
+number of the first one, and a mark.
 """
 
 from __future__ import annotations
@@ -10,14 +12,16 @@ import queue
 import ssl
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
+
+import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.report import Reporter
 from rigel_muto.agent.address import Address, Login
 from rigel_muto.agent.commands import Arrival, Message
-from rigel_muto.agent.deliveries import Delivery, Memory
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
@@ -34,6 +38,52 @@ FIRST, LONGEST = 0.5, 30.0
 MOST_AT_ONCE, MOST_BYTES = 50, 4 * 2**20
 #: Answers that wait for the broker to return, and messages of QoS 0 that wait for their turn.
 MOST_ANSWERS = MOST_WAITING = 1000
+
+#: Messages that are remembered: more than brokers may send without an acknowledgement.
+REMEMBERED = 500
+
+
+@attrs.frozen(kw_only=True)
+class Delivery:
+    """A message as the broker sent it.
+
+    Attributes:
+        number: MQTT's packet identifier; 0 for QoS 0.
+        kept: the broker keeps it until it is acknowledged (QoS 1).
+        again: the broker marks it as a copy.
+        connection: the number of the connection that it came by; only there it can be acknowledged.
+        session: the number of the broker's session, which may outlast connections.
+    """
+
+    arrival: Arrival
+    number: int = 0
+    kept: bool = False
+    again: bool = False
+    connection: int = 0
+    session: int = 0
+
+
+class Memory:
+    """Messages of one session that were carried out, perhaps unnoticed by the broker."""
+
+    def __init__(self) -> None:
+        self._done: OrderedDict[tuple[int, int], Arrival] = OrderedDict()
+
+    def note(self, delivery: Delivery) -> None:
+        """Remember that a message was carried out."""
+        if not delivery.kept:
+            return
+        key = (delivery.session, delivery.number)
+        self._done[key] = delivery.arrival
+        self._done.move_to_end(key)
+        if len(self._done) > REMEMBERED:
+            self._done.popitem(last=False)
+
+    def knows(self, delivery: Delivery) -> bool:
+        """Return whether a message is the copy of one that was carried out."""
+        if not (delivery.kept and delivery.again):
+            return False
+        return self._done.get((delivery.session, delivery.number)) == delivery.arrival
 
 
 class Broker:

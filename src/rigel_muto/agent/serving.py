@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.report import Reporter
-from rigel_muto.agent.broker import Broker
+from rigel_muto.agent.broker import Broker, Delivery
 from rigel_muto.agent.commands import (
     Asks,
     Executor,
@@ -24,7 +24,6 @@ from rigel_muto.agent.commands import (
     States,
     Unavailable,
 )
-from rigel_muto.agent.deliveries import Delivery
 from rigel_muto.agent.protocols.ditto import Ditto
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.protocols.symphony import Symphony

@@ -13,8 +13,7 @@ import pytest
 
 from rigel_k8s import __version__
 from rigel_lab.images.base.program import PREFIX
-from rigel_lab.images.mutoagent import UPSTREAM, list_package, read_lock
-from rigel_lab.images.mutoagent.program import list_wheels
+from rigel_lab.images.mutoagent import UPSTREAM, list_package, list_wheels, read_lock
 from rigel_muto.agent.manifests import AGENT_IMAGE
 
 ROOT = Path(__file__).parents[4]

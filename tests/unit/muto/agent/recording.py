@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rigel_muto.agent.broker import Delivery
 from rigel_muto.agent.commands import (
     Arrival,
     Command,
@@ -15,7 +16,6 @@ from rigel_muto.agent.commands import (
     Query,
     Stage,
 )
-from rigel_muto.agent.deliveries import Delivery
 from rigel_muto.agent.serving import Dialect, answer
 from tests.support.recorder import Recorder
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import attrs
 import pytest
 
+from rigel_muto.agent.broker import REMEMBERED, Delivery, Memory
 from rigel_muto.agent.commands import Arrival
-from rigel_muto.agent.deliveries import REMEMBERED, Delivery, Memory
 
 FIRST = Delivery(arrival=Arrival(topic="a", payload=b"x"), number=1, kept=True)
 COPY = attrs.evolve(FIRST, again=True, connection=2)

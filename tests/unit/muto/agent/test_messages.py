@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_muto.agent.broker import Delivery
 from rigel_muto.agent.commands import Arrival, Command, Outcome, Unavailable
-from rigel_muto.agent.deliveries import Delivery
 from rigel_muto.agent.payloads import is_topic
 from rigel_muto.agent.serving import Dialect, answer
 from tests.support.recorder import Recorder

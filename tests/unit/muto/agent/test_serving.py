@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from rigel_muto.agent.broker import Delivery
 from rigel_muto.agent.commands import Arrival, Message
-from rigel_muto.agent.deliveries import Delivery
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.serving import serve
 from tests.support.recorder import Recorder

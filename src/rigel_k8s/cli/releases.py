@@ -166,11 +166,12 @@ def rollback(
 
     An interrupted rollback is finished first.
     """
-    from rigel_k8s.commands import releases
+    from rigel_k8s.commands import releases, targets
 
     words = settings(ctx, timeout=timeout, adopt=adopt, lock_timeout=lock_timeout)
+    found = targets.release(words, job, named=True)
     with choose_reporter(ctx) as report:
-        new = releases.rollback(words, job, revision, report)
+        new = releases.rollback(found, words, revision, report)
     click.echo(f"revision {new.number}: {new.description}")
 
 

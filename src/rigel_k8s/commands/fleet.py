@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import attrs
 
+from rigel_k8s.commands import releases
 from rigel_k8s.commands.interruption import interruptible
-from rigel_k8s.commands.releases import take_down
 from rigel_k8s.commands.targets import Jobs, Release, read_jobs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import make_failure
@@ -61,13 +61,13 @@ def down(
 def list_releases(step: Step, jobs: Jobs, cluster: Cluster) -> list[ReleaseId]:
     """Return the releases that the jobs below a step deploy, each once. Raises as read_names."""
     values = Values(jobs.rigelfile)
-    releases: dict[ReleaseId, None] = {}
+    own: dict[ReleaseId, None] = {}
     for job, data in list_uses(step, lambda step, known: values.preview_matrix(step, known)[0]):
         if hasattr(job.type, "release"):
             release = jobs.find_release(job, jobs.read_names(job, data), cluster)
             if release is not None:
-                releases[release] = None
-    return list(releases)
+                own[release] = None
+    return list(own)
 
 
 @attrs.frozen
@@ -106,7 +106,7 @@ class Removal:
         part = self.report.child(release.namespace)
         try:
             found = Release(connect(self.settings), release)
-            plan = take_down(found, self.settings, part, self.cancel, volumes=self.volumes)
+            plan = releases.down(found, self.settings, part, self.cancel, volumes=self.volumes)
         except Interrupted:
             return Outcome(name, "stopped")
         except RigelK8sError as error:

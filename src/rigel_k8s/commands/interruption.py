@@ -1,14 +1,18 @@
-"""Ctrl-C as an event for work that ends cleanly; a second one ends at once."""
+"""Ctrl-C as an event for work that ends cleanly, such as writes; a second one ends at once."""
 
 from __future__ import annotations
 
 import itertools
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from rigel_k8s import signals
 from rigel_k8s.jobs.interruption import interruptions
+from rigel_k8s.kube import Cluster
+from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
 
 TWICE = (
     "interrupted twice, stopped without waiting; run the same command again to complete its work"
@@ -29,3 +33,19 @@ def interruptible() -> Iterator[threading.Event]:
 
     with interruptions(notify):
         yield cancel
+
+
+@contextmanager
+def writing(
+    cluster: Cluster, settings: Settings, report: Reporter, cancel: threading.Event | None = None
+) -> Iterator[DeployOptions]:
+    """Give the options of a command that writes; closes the connection at the end.
+
+    It waits for an API server that becomes unreachable.
+
+    Args:
+        cancel: ends it in good order; None: Ctrl-C does.
+    """
+    with cluster, nullcontext(cancel) if cancel else interruptible() as over:
+        cluster.endure(report.line, over)
+        yield DeployOptions.of(settings, report, over)

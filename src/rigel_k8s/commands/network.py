@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.interruption import writing
 from rigel_k8s.kube import connect
 from rigel_k8s.network.multus import install as network_install
 from rigel_k8s.network.multus import removal as network_removal
@@ -10,16 +10,15 @@ from rigel_k8s.network.multus.install import MultusResult
 from rigel_k8s.network.multus.removal import Removed
 from rigel_k8s.network.multus.status import NetworkStatus, network_status
 from rigel_k8s.network.options import Install
-from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
 
 def install(settings: Settings, options: Install, report: Reporter) -> MultusResult:
     """Install or update both, and wait until every machine attaches pods."""
-    with connect(settings) as cluster, interruptible() as cancel:
-        cluster.endure(report.line, cancel)
-        return network_install.install(cluster, options, DeployOptions.of(settings, report, cancel))
+    cluster = connect(settings)
+    with writing(cluster, settings, report) as how:
+        return network_install.install(cluster, options, how)
 
 
 def status(settings: Settings, options: Install) -> NetworkStatus:
@@ -32,12 +31,6 @@ def remove(
     settings: Settings, options: Install, report: Reporter, *, force: bool, definitions: bool
 ) -> Removed:
     """Remove both in an order in which every machine keeps starting pods."""
-    with connect(settings) as cluster, interruptible() as cancel:
-        cluster.endure(report.line, cancel)
-        return network_removal.remove(
-            cluster,
-            options,
-            DeployOptions.of(settings, report, cancel),
-            force=force,
-            definitions=definitions,
-        )
+    cluster = connect(settings)
+    with writing(cluster, settings, report) as how:
+        return network_removal.remove(cluster, options, how, force=force, definitions=definitions)

@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 
 import attrs
 
-from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.interruption import writing
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.observability import removal as observability_removal
@@ -17,7 +17,7 @@ from rigel_k8s.observability.names import GRAFANA
 from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.doors import Door, doors
 from rigel_k8s.observability.reading.stack import NoStack, find_stack
-from rigel_k8s.release.types import DeployOptions, ReleaseId
+from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -114,14 +114,14 @@ def remove(settings: Settings, report: Reporter, *, volumes: bool) -> tuple[Rele
     Raises:
         NoStack: neither a stack nor its data exist.
     """
-    with connect(settings) as cluster, interruptible() as cancel:
-        cluster.endure(report.line, cancel)
+    cluster = connect(settings)
+    with writing(cluster, settings, report) as options:
         namespace = settings.namespace
         with suppress(NoStack):  # its data may still exist
             namespace = find_stack(cluster, namespace).namespace
         plan = observability_removal.remove(
             cluster,
-            DeployOptions.of(settings, report, cancel),
+            options,
             volumes=volumes,
             namespace=namespace,
         )

@@ -8,10 +8,9 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.interruption import writing
 from rigel_k8s.commands.targets import Release, job_of, release
 from rigel_k8s.errors import ConflictError
-from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
@@ -93,44 +92,28 @@ def history(settings: Settings, job: str | None) -> Sequence[Entry]:
 
 
 def rollback(
-    settings: Settings, job: str | None, number: int | None, report: JobReporter
-) -> Revision:
-    """Deploy an earlier revision's objects again; None is the last good one before the current."""
-    found = release(settings, job, named=True)
-    with interruptible() as cancel:
-        return roll_back(found, settings, number, report, cancel)
-
-
-def roll_back(
     found: Release,
     settings: Settings,
     number: int | None,
     report: Reporter,
-    cancel: threading.Event,
+    cancel: threading.Event | None = None,
 ) -> Revision:
-    """Roll back a release that is connected, whose connection is then closed."""
-    with found.cluster as cluster:
-        cluster.endure(report.line, cancel)
-        options = DeployOptions.of(settings, report, cancel)
-        return rollbacks.rollback(cluster, found.id, number, options)
+    """Deploy an earlier revision's objects again; None is the last good one before the current.
+
+    Closes the connection; `cancel` as in writing.
+    """
+    with writing(found.cluster, settings, report, cancel) as options:
+        return rollbacks.rollback(found.cluster, found.id, number, options)
 
 
-def down(found: Release, settings: Settings, report: JobReporter, *, volumes: bool) -> Plan:
-    """Delete a release's objects; claims and volumes only if requested. Closes the connection."""
-    with interruptible() as cancel:
-        return take_down(found, settings, report, cancel, volumes=volumes)
-
-
-def take_down(
+def down(
     found: Release,
     settings: Settings,
     report: Reporter,
-    cancel: threading.Event,
+    cancel: threading.Event | None = None,
     *,
     volumes: bool,
 ) -> Plan:
-    """Delete a release that is connected, whose connection is then closed."""
-    with found.cluster as cluster:
-        cluster.endure(report.line, cancel)
-        options = DeployOptions.of(settings, report, cancel)
-        return removal.down(cluster, found.id, options, volumes=volumes)
+    """Delete a release's objects; claims and volumes only if requested. Otherwise as rollback."""
+    with writing(found.cluster, settings, report, cancel) as options:
+        return removal.down(found.cluster, found.id, options, volumes=volumes)

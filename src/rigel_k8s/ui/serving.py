@@ -82,7 +82,7 @@ def make_rollback(found: Release, settings: Settings) -> Rollback:
 
     def call(number: int, report: Reporter, cancel: threading.Event) -> Revision:
         own = attrs.evolve(found, cluster=connect(settings))
-        return releases.roll_back(own, settings, number, report, cancel)
+        return releases.rollback(own, settings, number, report, cancel)
 
     return call
 

@@ -237,11 +237,12 @@ def test_history(record: Any) -> None:
 def test_rollback(record: Any) -> None:
     """To a number or to the last good one; --job where there are several releases."""
     new = SimpleNamespace(number=4, description="rollback to revision 2")
+    chosen = record(targets, "release", "b")
     action = record(releases, "rollback", new)
     assert call("rollback", "2", "--job", "b").stdout == "revision 4: rollback to revision 2\n"
-    assert action.args[1:3] == ("b", 2)
+    assert (chosen.args[1], chosen.kwargs, action.args[2]) == ("b", {"named": True}, 2)
     call("rollback")
-    assert action.args[1:3] == (None, None)
+    assert (chosen.args[1], action.args[2]) == (None, None)
 
 
 def test_down(record: Any) -> None:

@@ -130,14 +130,14 @@ def test_a_failure_stops_no_other_robot_but_the_stages_before(
 ) -> None:
     """What a robot that is left may need is left, too; all is listed."""
     put(cluster, BASE, *ROBOTS)
-    take_down = releases.take_down
+    down = releases.down
 
     def fail_once(found: Any, *args: Any, **kwargs: Any) -> Any:
         if found.id == ROBOTS[0]:
             raise ClusterError("the pod hangs", hint="look at it")
-        return take_down(found, *args, **kwargs)
+        return down(found, *args, **kwargs)
 
-    monkeypatch.setattr(fleet, "take_down", fail_once)
+    monkeypatch.setattr(releases, "down", fail_once)
     with pytest.raises(ClusterError, match="1 of 5 releases could not be deleted") as caught:
         fleet.down(settings, "fleet", report, volumes=False)
     assert caught.value.details == (
@@ -158,7 +158,7 @@ def test_ctrl_c_begins_no_further_release(
         cancel.set()
         raise Interrupted("stopped")
 
-    monkeypatch.setattr(fleet, "take_down", interrupt)
+    monkeypatch.setattr(releases, "down", interrupt)
     monkeypatch.setattr(fleet, "WIDTH", 1)
     with pytest.raises(Interrupted, match="before all releases were deleted") as caught:
         fleet.down(settings, "fleet", report, volumes=False)

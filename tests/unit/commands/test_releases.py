@@ -101,14 +101,14 @@ def test_a_rollback_passes_its_words_on(fake: Any, report: Recorder) -> None:
     """The revision's number, the time, and who may be overwritten."""
     for number in (1, 2, 3):
         deploy(desired(config(k=str(number))), fake, report=report)
-    assert releases.rollback(Settings(), None, 1, report).number == 4
+    assert releases.rollback(found(fake), Settings(), 1, report).number == 4
     assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "1"}
     fake.as_manager("kubectl").patch(
         next(r for r in fake.objects if r.name == "c"), {"data": {"k": "9"}}
     )
     with pytest.raises(ClusterError, match="managed by others"):
-        releases.rollback(Settings(), None, 2, report)
-    releases.rollback(Settings(adopt=True), None, 2, report)
+        releases.rollback(found(fake), Settings(), 2, report)
+    releases.rollback(found(fake), Settings(adopt=True), 2, report)
     assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "2"}
 
 

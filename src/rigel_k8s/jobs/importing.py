@@ -38,8 +38,8 @@ class Places:
         finally:
             sys.path[:] = before
 
-    def find(self, module: str) -> Path | None:
-        """Return the file among these that an import of a module would run first.
+    def find(self, module: str) -> tuple[Path, Path] | None:
+        """Return which of these an import of a module would run code of first, and the file.
 
         None if the module is installed, or does not exist.
         """
@@ -51,12 +51,10 @@ class Places:
                 return None
         if installed and not self._lies_in(installed):
             return None
-        found = (find_code(module, directory) for directory in self.directories)
-        return next(filter(None, found), None)
-
-    def directory_of(self, file: Path) -> Path:
-        """Return which of these directories a file that `find` returned lies in."""
-        return next(one for one in self.directories if file.is_relative_to(one))
+        for directory in self.directories:
+            if file := find_code(module, directory):
+                return directory, file
+        return None
 
     def _has(self, entry: str) -> bool:
         return Path(entry).resolve() in self.directories

@@ -113,8 +113,7 @@ def _class_at(kind: Kind, name: str, places: Places) -> Any:
     module_name, _, attribute = name.replace(":", ".").rpartition(".")
     if not all(module_name.split(".")) or is_own_name(module_name):
         raise _unknown_error(kind, name)
-    file = places.find(module_name)
-    beside = places.directory_of(file) if file else None
+    beside, file = places.find(module_name) or (None, None)
     if beside:
         require_trust(beside, f"{name} would run the code in {file}")
     with importable(beside) if beside else places.left_out():

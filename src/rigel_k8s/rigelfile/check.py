@@ -91,7 +91,7 @@ def load(
         UserError: it cannot be read.
     """
     fetched: dict[str, str] | None = None if patient else {}
-    reading = _Reading(open_source(path), path, environ, patient=patient, fetched=fetched)
+    reading = _read(open_source(path), path, environ, patient=patient, fetched=fetched)
     if reading.rigelfile is None:
         raise problems_error(reading.source, reading.findings)
     return reading.rigelfile
@@ -105,7 +105,7 @@ def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> Chec
     """
     source = open_source(path)
     try:
-        reading = _Reading(source, path, environ)
+        reading = _read(source, path, environ)
         findings = list(reading.findings)
         if reading.contents:
             components = _Components(reading.root, reading.scope, reading.contents, resolve)
@@ -118,40 +118,15 @@ def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> Chec
 _NOTHING = YamlNode({}, Span(1, 1, 1, 2))
 
 
+@attrs.frozen
 class _Reading:
     """A file as far as it can be read."""
 
-    def __init__(
-        self,
-        source: Source,
-        path: Path,
-        environ: Mapping[str, str],
-        *,
-        patient: bool = False,
-        fetched: MutableMapping[str, str] | None = None,
-    ) -> None:
-        self.source = source
-        with bounded(source, _NOTHING):
-            root, findings = parse(source)
-            self.root = root or _NOTHING
-            variables = _variables(self.root)
-            self.scope = Scope(source, variables, environ, patient=patient, fetched=fetched)
-            self._read(source, path, root, findings)
-
-    def _read(
-        self, source: Source, path: Path, root: YamlNode | None, findings: list[Finding]
-    ) -> None:
-        self.contents: Contents | None = None
-        if root and isinstance(root.value, dict):
-            self.root = _render_tree(root, self.scope)
-            refuse_depth(source, self.root)
-            known = [*findings, *self.scope.findings]
-            self.contents = read(self.root, path.parent, known)
-            findings = [*known, *self.contents.findings]
-        elif root:
-            message = f"expected a mapping with application and jobs, got {kind_of(root.value)}"
-            findings.append(make_finding(root, message, "wrong-type"))
-        self.findings = sort_findings(findings)
+    source: Source
+    root: YamlNode
+    scope: Scope
+    findings: tuple[Finding, ...]
+    contents: Contents | None = None
 
     @property
     def rigelfile(self) -> Rigelfile | None:
@@ -170,9 +145,32 @@ class _Reading:
         )
 
 
-def _variables(root: YamlNode) -> dict[str, YamlNode]:
-    section = root.value.get("vars") if isinstance(root.value, dict) else None
-    return section.value if section and isinstance(section.value, dict) else {}
+def _read(
+    source: Source,
+    path: Path,
+    environ: Mapping[str, str],
+    *,
+    patient: bool = False,
+    fetched: MutableMapping[str, str] | None = None,
+) -> _Reading:
+    """Parse a file, fill in its vars, and compare it with the grammar."""
+    with bounded(source, _NOTHING):
+        root, findings = parse(source)
+        root = root or _NOTHING
+        section = root.value.get("vars") if isinstance(root.value, dict) else None
+        variables = section.value if section and isinstance(section.value, dict) else {}
+        scope = Scope(source, variables, environ, patient=patient, fetched=fetched)
+        contents = None
+        if root is not _NOTHING and isinstance(root.value, dict):
+            root = _render_tree(root, scope)
+            refuse_depth(source, root)
+            findings += scope.findings
+            contents = read(root, path.parent, findings)
+            findings += contents.findings
+        elif root is not _NOTHING:
+            message = f"expected a mapping with application and jobs, got {kind_of(root.value)}"
+            findings.append(make_finding(root, message, "wrong-type"))
+        return _Reading(source, root, scope, sort_findings(findings), contents)
 
 
 def _render_tree(root: YamlNode, scope: Scope) -> YamlNode:

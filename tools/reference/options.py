@@ -64,7 +64,7 @@ def name_types(classes: Iterable[Any]) -> dict[str, str]:
     }
 
 
-def _fields(cls: type[Any]) -> tuple[Field, ...]:
+def _fields(cls: Any) -> tuple[Field, ...]:
     return (*fields_of(cls), *list_added_fields(cls))
 
 

@@ -59,31 +59,21 @@ class Field:
         return (self.key, *self.aliases)
 
 
-def fields_of(cls: type[Any]) -> tuple[Field, ...]:
+@cache
+def fields_of(cls: Any) -> tuple[Field, ...]:
     """Return the keys of an option class, in its order."""
-    hashable: Any = cls
-    return _fields(hashable)
-
-
-def fields_by_key(cls: type[Any]) -> Mapping[str, Field]:
-    """Return each key of an option class, and each alias, with its field."""
-    hashable: Any = cls
-    return _by_key(hashable)
-
-
-@cache
-def _by_key(cls: Any) -> Mapping[str, Field]:
-    return {key: field for field in fields_of(cls) for key in field.keys}
-
-
-@cache
-def _fields(cls: Any) -> tuple[Field, ...]:
     docs = _parse_docs(cls)
     return tuple(
         _field(attribute, docs)
         for attribute in attrs.fields(attrs.resolve_types(cls))
         if attribute.init
     )
+
+
+@cache
+def fields_by_key(cls: Any) -> Mapping[str, Field]:
+    """Return each key of an option class, and each alias, with its field."""
+    return {key: field for field in fields_of(cls) for key in field.keys}
 
 
 def _field(attribute: attrs.Attribute[Any], docs: dict[str, str]) -> Field:

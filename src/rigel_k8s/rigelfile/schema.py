@@ -144,7 +144,7 @@ class _Definitions:
             self.definitions[name] = self._object(cls)
         return self._names[cls]
 
-    def _object(self, cls: type[Any]) -> Schema:
+    def _object(self, cls: Any) -> Schema:
         fields = (*fields_of(cls), *list_added_fields(cls))
         made: Schema = {
             "type": "object",

@@ -211,7 +211,7 @@ class _Structurer:
 
     # Containers
 
-    def _object(self, node: YamlNode, cls: type[Any], path: Path) -> Any:
+    def _object(self, node: YamlNode, cls: Any, path: Path) -> Any:
         if not isinstance(node.value, dict):
             return self._report_mismatch(mismatch(node, cls), path)
         fields = fields_of(cls)
@@ -236,38 +236,35 @@ class _Structurer:
                 self._report_missing(field, path)
         return _UNKNOWN if unknown or absent else self._built(cls, values, path)
 
-    def _report_unknown_keys(
-        self, node: YamlNode, cls: type[Any], path: Path
-    ) -> Iterator[str | None]:
+    def _report_unknown_keys(self, node: YamlNode, cls: Any, path: Path) -> Iterator[str | None]:
         """Report unknown keys; yield the similar key, None for a key that waits for data."""
-        known = fields_by_key(cls)
-        for key in node.value:
-            if key in known:
-                continue
+        for key in [key for key in node.value if key not in fields_by_key(cls)]:
             self.doubts.missing.append((*path, key))
             if has_template(key):
                 yield None
                 continue
             if replacement := find_replacement((*path, key)):
-                message = f'the option "{key}" ended: {replacement}'
-                self.problems.append(Problem((*path, key), message, "ended", at_key=True))
-                continue
-            few = len(self.problems) < MOST_SUGGESTIONS  # the search for a similar key takes long
-            absent = [name for name in known if name not in node.value]
-            absent += [field.key for field in list_added_fields(cls)] if few else []
-            if few and (owner := _find_owner(key, known)):
-                message = f'unknown key "{key}", it is an option of each entry of "{owner}"'
-                self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
-                continue
-            near = find_nearest(key, absent) if few else None
-            if few and path and near is None and key in self._outermost:
-                meant = ", it is an option of the job"
+                message, near, kind = f'the option "{key}" ended: {replacement}', None, "ended"
             else:
-                meant = suggest(key, absent or known) if few else ""
-            message = f'unknown key "{key}"{meant}'
-            self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
+                meant, near = self._find_meant(key, node, cls, path)
+                message, kind = f'unknown key "{key}"{meant}', "unknown-key"
+            self.problems.append(Problem((*path, key), message, kind, at_key=True))
             if near:
                 yield near
+
+    def _find_meant(self, key: str, node: YamlNode, cls: Any, path: Path) -> tuple[str, str | None]:
+        """Return the words on what an unknown key may mean, and the similar key if any."""
+        if len(self.problems) >= MOST_SUGGESTIONS:  # the search for a similar key takes long
+            return "", None
+        known = fields_by_key(cls)
+        if owner := _find_owner(key, known):
+            return f', it is an option of each entry of "{owner}"', None
+        absent = [name for name in known if name not in node.value]
+        absent += [field.key for field in list_added_fields(cls)]
+        near = find_nearest(key, absent)
+        if path and near is None and key in self._outermost:
+            return ", it is an option of the job", None
+        return suggest(key, absent or known), near
 
     def _report_missing(self, field: Field, path: Path) -> None:
         what = (
@@ -276,7 +273,7 @@ class _Structurer:
         message = f'the key "{field.key}" is missing ({what})'
         self._report(path, message, "missing-key", at_key=True)
 
-    def _built(self, cls: type[Any], values: dict[str, Any], path: Path) -> Any:
+    def _built(self, cls: Any, values: dict[str, Any], path: Path) -> Any:
         try:
             return cls(**values)
         except (ValueError, TypeError) as error:  # a validator of the class refused it

@@ -73,7 +73,7 @@ def choose_by_keys(node: YamlNode, candidates: Sequence[Any]) -> Any:
     if len(classes) < 2:
         return classes[0] if classes else candidates[0]
 
-    def score(cls: type[Any]) -> tuple[int, int]:
+    def score(cls: Any) -> tuple[int, int]:
         known = fields_by_key(cls).keys()
         missed = [key for key in node.value if key not in known]
         near = sum(1 for key in missed if find_nearest(key, known - node.value.keys()))

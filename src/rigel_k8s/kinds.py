@@ -1,4 +1,4 @@
-"""What exit codes, the states of pods and the words of kubectl mean, with causes and remedies.
+"""What the states of pods and the words of kubectl mean, with causes and remedies.
 
 The kinds of problems, the words in brackets behind messages, need no table: the message says what
 is wrong and what to do. Those that have more to be said are explained beside their feature: why
@@ -25,24 +25,6 @@ class Kind:
     cause: str
     remedy: str
 
-
-#: What the exit codes of `rigel` mean. A command that runs another one (`exec`) passes its code on.
-EXIT_CODES: Mapping[int, Kind] = {
-    0: Kind("everything that was requested is done", ""),
-    1: Kind(
-        "something failed on the cluster or in another program, or something is not ready",
-        "read the cause and the hint below it; the same command continues where this one ended",
-    ),
-    2: Kind(
-        "the Rigelfile, an argument or a setting is wrong",
-        "change what the message names, then run the command again",
-    ),
-    130: Kind(
-        "the command was interrupted by Ctrl-C (SIGINT)",
-        "run it again; it prints what state it left",
-    ),
-    143: Kind("the command was ended by SIGTERM", "the same"),
-}
 
 #: What `kind` of a pod in `rigel status -o json` may be, beside the causes of a deploy.
 PODS: Mapping[str, Kind] = {

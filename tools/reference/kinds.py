@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from rigel_k8s.kinds import EXIT_CODES, KUBECTL, PODS, Kind
+from rigel_k8s.kinds import KUBECTL, PODS, Kind
 from rigel_k8s.network.preflight.checks import KINDS
 from rigel_k8s.release.rollout.causes import CAUSES
 from rigel_k8s.release.rollout.patience import Patience
@@ -27,6 +27,24 @@ In the output of `-o json`, a problem of a cluster or a graph is
 `{kind, message, remedy, severity, path, subjects}`: `severity` is `error` or `warning`, `subjects`
 are the pods, nodes or machines that it is about, and `path` is where in the output it is, if that
 is a single place."""
+
+#: What the exit codes of `rigel` mean. A command that runs another one (`exec`) passes its code on.
+EXIT_CODES: Mapping[int, Kind] = {
+    0: Kind("everything that was requested is done", ""),
+    1: Kind(
+        "something failed on the cluster or in another program, or something is not ready",
+        "read the cause and the hint below it; the same command continues where this one ended",
+    ),
+    2: Kind(
+        "the Rigelfile, an argument or a setting is wrong",
+        "change what the message names, then run the command again",
+    ),
+    130: Kind(
+        "the command was interrupted by Ctrl-C (SIGINT)",
+        "run it again; it prints what state it left",
+    ),
+    143: Kind("the command was ended by SIGTERM", "the same"),
+}
 
 EXITS = """Some commands differ. `status`, `graph` and `doctor` also exit with 1 if they report
 that something is wrong. `diff --exit-code` exits with 0 if nothing would change, with 1 if

@@ -13,8 +13,7 @@ import attrs
 
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, unify_lists
-from rigel_k8s.app.programs import Command, find_program, full_name, run_beside
-from rigel_k8s.app.starting import complete_file
+from rigel_k8s.app.programs import Command, complete_file, find_program, full_name, run_beside
 from rigel_k8s.app.updating import is_rolling
 from rigel_k8s.generation import Generation, Loading
 from rigel_k8s.objects.scalars import RosName

@@ -23,7 +23,9 @@ def environment(
     if "ROS_HOSTNAME" in own:
         env.pop("ROS_IP", None)  # ROS_HOSTNAME wins in ROS; both would be misleading
     env |= own
-    return [{"name": name, **source} for name, source in env.items() if has_value(source)]
+    # The empty text is a value, too.
+    given = ((name, source) for name, source in env.items() if None not in source.values())
+    return [{"name": name, **source} for name, source in given]
 
 
 def ros_variables(
@@ -36,11 +38,6 @@ def ros_variables(
         release, namespace, "status.hostIP" if host_network else "status.podIP"
     )
     return own | {"PROMPT_COMMAND": {"value": f". {SCRIPTS_PATH}/rc.sh"}}
-
-
-def has_value(source: Mapping[str, Any]) -> bool:
-    """Return whether a variable has a value at all (the empty text is one)."""
-    return any(value is not None for value in source.values())
 
 
 def find_literal(extra: Extra, name: str) -> str | None:

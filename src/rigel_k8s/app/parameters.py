@@ -4,35 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
-from rigel_k8s.app.options import ParameterFile
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions, ParameterFile
 from rigel_k8s.objects.overlay import simplify
-from rigel_k8s.option_text import Scalar
 from rigel_k8s.substitution_args import has_substitution
 
 #: Where parameter files are mounted.
 PARAMETERS_PATH = "/rigel-k8s-parameters"
-
-
-class ParameterOptions(Protocol):
-    """The options that a node and a job have in common."""
-
-    @property
-    def substitution_args(self) -> bool:
-        """Whether `$(find PACKAGE)` and the like are replaced."""
-
-    @property
-    def parameters(self) -> Mapping[str, Any]:
-        """Values by name."""
-
-    @property
-    def parameter_files(self) -> Sequence[str | ParameterFile]:
-        """YAML files."""
-
-    @property
-    def parameter_commands(self) -> Mapping[str, str | list[Scalar]]:
-        """Commands by the name of the parameter that they print."""
+#: What has parameters.
+ParameterOptions: TypeAlias = NodeOptions | OrchestrationOptions
 
 
 def list_global_keys(options: ParameterOptions) -> list[str]:

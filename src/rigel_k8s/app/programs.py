@@ -1,17 +1,27 @@
-"""What a container runs, before its generation of ROS adds arguments: lines, and scripts beside."""
+"""What a container runs, before its generation of ROS adds arguments: lines, and our scripts.
+
+In-pod scripts run beside a program, or before it: start.sh fills in what only the container's image
+has. Their contract is src/rigel_inpod/README.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import shlex
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
 
+from rigel_k8s.app.environment import Extra, entries
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, ParameterOptions, file_of, list_paths
 from rigel_k8s.generation import Generation
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
+from rigel_k8s.objects.text import split_words
 from rigel_k8s.option_text import text_of
+from rigel_k8s.substitution_args import has_substitution, split_line
 
 SHELLS = ("sh", "bash", "dash", "ash", "zsh")
 #: Programs that would misread an argument of ROS, or do not pass it on.
@@ -19,6 +29,9 @@ NO_ROS_ARGUMENTS = frozenset(
     (*SHELLS, "busybox", "env")
     + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
 )
+
+#: Parameters as JSON, which the script reads; it is beside the mounted parameter files.
+VALUES = "99-parameters.json"
 
 
 @attrs.frozen
@@ -80,3 +93,59 @@ def put_before(command: Command, *before: str) -> Command:
 def explain_not_passed(line: Sequence[str], key: str) -> str:
     """Return that a program does not pass an option on to the node that it starts."""
     return f"{line[0]} does not pass {key} on to the node: use args with the node's program"
+
+
+def needs_script(options: ParameterOptions) -> bool:
+    """Return whether a container must be prepared by the script."""
+    found = map(file_of, options.parameter_files)
+    own = any(entry.image_file or entry.namespace for entry in found)
+    return options.substitution_args or bool(options.parameter_commands) or own
+
+
+def split(options: ParameterOptions, line: str | Sequence[Any]) -> list[str]:
+    """Return a command line as a list; substitution args stay in one word (ValueError)."""
+    together = options.substitution_args and isinstance(line, str)
+    return split_line(str(line)) if together else split_words(line)
+
+
+def begin(ros: str, options: ParameterOptions, env: Extra = ()) -> Iterator[str]:
+    """Yield the first words: how parameters are loaded, ros1 or ros2, and what is substituted."""
+    yield from ("/bin/sh", f"{SCRIPTS_PATH}/start.sh", ros)
+    if options.substitution_args:
+        yield "--substitute"
+        for name, source in entries(env):
+            if has_substitution(source.get("value")):
+                yield from ("--env", name)
+
+
+def complete_file(path: str) -> tuple[str, str]:
+    """Return the words that complete a mounted JSON file, which the program's words name."""
+    return "--complete", path
+
+
+def list_steps(options: ParameterOptions, namespace: str) -> Iterator[str]:
+    """Yield the words that set parameters of ROS 1 below a namespace."""
+    above = namespace.rstrip("/")
+    for path, below in list_paths(options):
+        yield from ("--load", path, f"{above}/{below}".rstrip("/") or "/")
+    if options.parameters:
+        yield from load_values([VALUES], namespace)
+    yield from list_run_steps(options, f"{above}/")
+
+
+def load_values(mounted: Container[str], namespace: str) -> Iterator[str]:
+    """Yield the words that read `write_values`' file, where it is mounted."""
+    if VALUES in mounted:
+        yield from ("--values", f"{PARAMETERS_PATH}/{VALUES}", namespace)
+
+
+def list_run_steps(options: ParameterOptions, prefix: str = "") -> Iterator[str]:
+    """Yield the words that run the commands of parameters."""
+    for name, command in options.parameter_commands.items():
+        line = shlex.join(split(options, command))
+        yield from ("--run", f"{prefix}{str(name).lstrip('~/')}", line)
+
+
+def write_values(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Return the file with parameters of plain data, by its name."""
+    return {VALUES: json.dumps(parameters, indent=1, sort_keys=True) + "\n"}

@@ -47,7 +47,7 @@ class GraphWorse(RigelK8sError):
 
 @attrs.define
 class GraphWatch:
-    """One update of a release, watched: `begin`, the roll-out, then `report` or `insist`.
+    """One update of a release, watched: `begin`, the roll-out, then `report`.
 
     Attributes:
         last_good: the revision that was good when the update began, None without one.
@@ -82,36 +82,33 @@ class GraphWatch:
         state = f"{nodes} nodes and {topics} topics before the update"
         self.reporter.progress("ROS graph", state, done=True)
 
-    def report(self) -> None:
-        """Report what is worse as warnings, and what has changed as lines.
+    def report(self, *, insist: bool = False) -> None:
+        """Report what has changed as lines, and what is worse as warnings.
+
+        Args:
+            insist: refuse a graph that is worse.
 
         Raises:
+            GraphWorse: it is, and `insist` is set; see its details.
             Interrupted: `cancel` was set.
         """
         found = self.find_differences()
         if found is None:
             return
-        self._sum_up(found)
-        for line in limit(found.worse):
-            self.reporter.warn(line)
-
-    def insist(self) -> None:
-        """Report what has changed, and refuse a graph that is worse.
-
-        Raises:
-            GraphWorse: it is; see its details.
-            Interrupted: `cancel` was set.
-        """
-        found = self.find_differences()
-        if found is None:
-            return
-        self._sum_up(found)
+        state = "not worse than before" if found.changed else "as before the update"
         if found.worse:
+            state = "compared with that before the update"
+        self.reporter.progress("ROS graph", state, done=True)
+        for line in limit(found.changed):
+            self.reporter.line(f"  {line}")
+        if found.worse and insist:
             where = f"{self.release.name} in {self.release.namespace}"
             raise GraphWorse(
                 f"the ROS graph of {where} is worse than before the update",
                 details=limit(found.worse),
             )
+        for line in limit(found.worse):
+            self.reporter.warn(line)
 
     def find_differences(self) -> Comparison | None:
         """Return the effect of the update on the graph; None if it was not, or cannot be, read.
@@ -154,15 +151,6 @@ class GraphWatch:
             self._warn("cannot be compared", found)
             return None
         return found
-
-    def _sum_up(self, found: Comparison) -> None:
-        if found.worse:
-            state = "compared with that before the update"
-        else:
-            state = "not worse than before" if found.changed else "as before the update"
-        self.reporter.progress("ROS graph", state, done=True)
-        for line in limit(found.changed):
-            self.reporter.line(f"  {line}")
 
     def _warn(self, what: str, error: RigelK8sError) -> None:
         self.reporter.progress("ROS graph", what, done=True)

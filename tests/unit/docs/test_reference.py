@@ -10,9 +10,9 @@ import pytest
 
 from rigel_exporter.metrics import FAMILIES, LABELS
 from rigel_k8s import errors, signals
-from rigel_k8s.kinds import EXIT_CODES
 from tools.reference import PAGES
 from tools.reference.alerts import list_rules
+from tools.reference.kinds import EXIT_CODES
 from tools.reference.meanings import CONDITIONS, SERIES
 
 ROOT = Path(__file__).parents[3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from threading import Event
 
 import attrs
@@ -84,7 +85,7 @@ class ApplicationPart(Part):
             options=options,
             before=watch.begin if readable else None,
             applied=self.applied.set,
-            verify=watch.insist if self.limit else None,
+            verify=partial(watch.report, insist=True) if self.limit else None,
         )
         try:
             revision = deploy_release(run, looked)

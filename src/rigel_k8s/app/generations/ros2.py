@@ -30,11 +30,9 @@ from rigel_k8s.app.programs import (
     NO_ROS_ARGUMENTS,
     Command,
     assignments,
+    begin,
     explain_not_passed,
     full_name,
-)
-from rigel_k8s.app.starting import (
-    begin,
     list_run_steps,
     load_values,
     needs_script,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from rigel_k8s.app.generations.ros1 import checks, commands
-from rigel_k8s.app.generations.ros1.binding import bind_to_master, bind_to_parameters
+from rigel_k8s.app.generations.ros1.binding import bind
 from rigel_k8s.app.generations.ros1.gate import has_gate, remedies_of
 from rigel_k8s.app.generations.ros1.globalparameters import setter_of
 from rigel_k8s.app.generations.ros1.master import deploys_master, image_of, master_of, master_uri
@@ -23,7 +23,6 @@ from rigel_k8s.generation import Companion, Generation, Object
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME
-from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.workloads import ReleaseContext
 
 if TYPE_CHECKING:
@@ -111,11 +110,6 @@ def read_program() -> Mapping[str, str]:
     from rigel_gate.program import program
 
     return program()
-
-
-def bind(made: Sequence[Manifest]) -> Sequence[Manifest]:
-    """Return the objects; nodes restart with their master, and with the global parameters."""
-    return tuple(bind_to_parameters([*bind_to_master(made)]))
 
 
 def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 
 from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.objects.naming import ROS_ANNOTATION
@@ -17,31 +17,25 @@ from rigel_k8s.observability.names import EXPORTER
 MASTER_ANNOTATION = "rigel-k8s/master"
 
 
-def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
-    """Yield the objects; the pods of all nodes are bound to the roscore that they register with.
+def bind(made: Sequence[Manifest]) -> Sequence[Manifest]:
+    """Return the objects; the pods of nodes are marked with the roscore that they know.
 
     A changed roscore restarts without any registrations, and no node registers again. So its nodes
     must restart too, after it: a hash of its pod template is in theirs. A roscore behind a gate
-    gets its registrations back from the gate.
+    gets its registrations back from the gate. Nodes restart if the global parameters change, too,
+    which they read.
     """
+    notes: dict[str, str] = {}
     masters = [item for item in made if is_master(item) and not is_gated(item)]
-    text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
-    mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
-    return annotate_nodes(made, mark if masters else {})
-
-
-def bind_to_parameters(made: Sequence[Manifest]) -> Iterator[Manifest]:
-    """Yield the objects; nodes restart if the global parameters change, which they read."""
-    notes = [notes_of_pods(item) for item in made]
-    setters = [one[PARAMETERS_ANNOTATION] for one in notes if PARAMETERS_ANNOTATION in one]
-    return annotate_nodes(made, {PARAMETERS_ANNOTATION: setters[0]} if setters else {})
-
-
-def annotate_nodes(made: Sequence[Manifest], notes: Mapping[str, str]) -> Iterator[Manifest]:
-    """Yield the objects; the pods of all ROS nodes get annotations."""
-    over = {"spec": {"template": {"metadata": {"annotations": dict(notes)}}}}
+    if masters:
+        text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
+        notes[MASTER_ANNOTATION] = hashlib.sha256(text.encode()).hexdigest()[:12]
     for item in made:
-        yield merge(item, over) if notes and has_nodes(item) else item
+        meta = item.get("spec", {}).get("template", {}).get("metadata", {})
+        if mark := meta.get("annotations", {}).get(PARAMETERS_ANNOTATION):
+            notes[PARAMETERS_ANNOTATION] = mark
+    over = {"spec": {"template": {"metadata": {"annotations": notes}}}}
+    return tuple(merge(item, over) if notes and has_nodes(item) else item for item in made)
 
 
 def has_nodes(item: Manifest) -> bool:
@@ -63,10 +57,3 @@ def is_gated(master: Manifest) -> bool:
     """Return whether a roscore is behind a gate."""
     containers = master["spec"]["template"]["spec"]["containers"]
     return any(one["name"] == GATE_CONTAINER for one in containers)
-
-
-def notes_of_pods(item: Manifest) -> Mapping[str, str]:
-    """Return the annotations of an object's pods."""
-    template = item.get("spec", {}).get("template", {})
-    notes: Mapping[str, str] = template.get("metadata", {}).get("annotations", {})
-    return notes

@@ -15,8 +15,17 @@ import yaml
 from rigel_k8s.app.components import check_values
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, flat, list_local, tree
-from rigel_k8s.app.programs import NO_ROS_ARGUMENTS, Command, assignments, full_name
-from rigel_k8s.app.starting import begin, list_steps, needs_script, split, write_values
+from rigel_k8s.app.programs import (
+    NO_ROS_ARGUMENTS,
+    Command,
+    assignments,
+    begin,
+    full_name,
+    list_steps,
+    needs_script,
+    split,
+    write_values,
+)
 from rigel_k8s.generation import Loading
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify

@@ -45,8 +45,8 @@ class RigelApplication:
     dir: str
 
 
-class RigelStyleJob:
-    """A job type around a plugin class of Rigel's; stop() is called however the job ends, once."""
+class _Adapter:
+    """What an adapter of a job has in common with that of a provider."""
 
     options: ClassVar[type[Any]] = dict
 
@@ -56,6 +56,10 @@ class RigelStyleJob:
     def check(self, options: dict[str, Any], application: Application) -> Sequence[Problem]:
         """Return nothing: such a class checks its data only when it is constructed."""
         return ()
+
+
+class RigelStyleJob(_Adapter):
+    """A job type around a plugin class of Rigel's; stop() is called however the job ends, once."""
 
     def run(self, options: dict[str, Any], job: JobContext) -> None:
         """Set up, start, process (or serve others until cancelled), stop."""
@@ -117,18 +121,12 @@ def _stop_once(plugin: Any, cancel: threading.Event) -> Iterator[None]:
         raise failures[0]
 
 
-class RigelStyleProvider:
+class RigelStyleProvider(_Adapter):
     """A provider around a provider class of Rigel's; jobs get what it stores under its name."""
 
-    options: ClassVar[type[Any]] = dict
-
     def __init__(self, cls: type[Any]) -> None:
-        self._cls = cls
+        super().__init__(cls)
         self._connected: list[tuple[Any, Any]] = []
-
-    def check(self, options: dict[str, Any], application: Application) -> Sequence[Problem]:
-        """Return nothing: such a class checks its data only when it is constructed."""
-        return ()
 
     def connect(self, options: dict[str, Any], name: str, report: JobReporter) -> Any:
         """Connect; the connection is what the class stored for others, or else its instance."""

@@ -7,7 +7,7 @@ the former is checked again when its job runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from math import prod
 from typing import Any
 
@@ -74,10 +74,12 @@ class Values:
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
 
-        def place_all(problems: Sequence[Problem]) -> Sequence[str]:
-            return self._render(seen.place_problems(problems))
-
-        return JobOptions(seen.options, seen.raw, self._render(findings), place_all)
+        return JobOptions(
+            options=seen.options,
+            raw=seen.raw,
+            warnings=self._render(findings),
+            place=lambda problems: self._render(seen.place_problems(problems)),
+        )
 
     def _check(self, job: Job, seen: Preview) -> Preview:
         """Return options with what the job type's checks find in them."""

@@ -94,18 +94,12 @@ class Sequential:
 
 
 @attrs.frozen(kw_only=True)
-class Concurrent:
+class Concurrent(Sequential):
     """Jobs, and others that serve them meanwhile."""
 
-    expects: ClassVar[str] = _STAGE
-
-    jobs: tuple[JobUse, ...] = _key(
-        "jobs to run one after the other", accepts=_Uses, converter=_uses
-    )
     dependencies: tuple[JobUse, ...] = _key(
         "jobs started first, and stopped when `jobs` have ended", accepts=_Uses, converter=_uses
     )
-    description: str = _key("a comment", default="")
 
 
 @attrs.frozen(kw_only=True)

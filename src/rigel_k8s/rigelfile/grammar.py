@@ -92,10 +92,9 @@ def _find(node: YamlNode, key: str) -> Any:
 
 def _list_entries(node: YamlNode, path: Path, key: str) -> Iterator[tuple[Path, YamlNode]]:
     """Yield the entries of the mapping or list under a key, if it is one."""
-    inner = _find(node, key)
-    if isinstance(inner, dict | list):
-        pairs = inner.items() if isinstance(inner, dict) else enumerate(inner)
-        yield from (((*path, key, step), child) for step, child in pairs)
+    inner = node.value.get(key) if isinstance(node.value, dict) else None
+    for step, child in inner.entries() if inner else ():
+        yield (*path, key, step), child
 
 
 class _Reader:

@@ -73,12 +73,16 @@ class YamlNode:
     environment: str | None = None
     source: Source | None = None
 
+    def entries(self) -> Iterator[tuple[str | int, YamlNode]]:
+        """Yield the keys or numbers of a mapping or list with their values."""
+        if isinstance(self.value, dict):
+            yield from self.value.items()
+        elif isinstance(self.value, list):
+            yield from enumerate(self.value)
+
     def children(self) -> Iterator[YamlNode]:
         """Yield the values of a mapping or list."""
-        if isinstance(self.value, dict):
-            yield from self.value.values()
-        elif isinstance(self.value, list):
-            yield from self.value
+        return (child for _, child in self.entries())
 
     def has_hole(self) -> bool:
         """Return whether a run has to fill in something in or below this value."""

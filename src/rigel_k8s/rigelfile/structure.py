@@ -206,7 +206,7 @@ class _Structurer:
     def _note_holes(self, node: YamlNode, path: Path) -> None:
         if node.hole:
             self.doubts.texts.append(path)
-        for step, child in _steps(node):
+        for step, child in node.entries():
             self._note_holes(child, (*path, step))
 
     # Containers
@@ -365,10 +365,3 @@ class _Structurer:
         self.problems += near.problems
         self.doubts.include(near.doubts)
         return _UNKNOWN
-
-
-def _steps(node: YamlNode) -> Iterator[tuple[str | int, YamlNode]]:
-    if isinstance(node.value, dict):
-        yield from node.value.items()
-    elif isinstance(node.value, list):
-        yield from enumerate(node.value)

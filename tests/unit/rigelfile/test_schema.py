@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from rigel_k8s.commands import rigelfiles
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import check_file, render_starter, schema
@@ -17,13 +19,6 @@ from tools.reference.options import write_options
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
-
-
-def known(kind: registry.Kind) -> dict[tuple[str, ...], Any]:
-    find: Any = registry.job_type if kind == "job" else registry.provider_type
-    return {
-        (short, *paths): find(short).options for short, paths in registry.list_names(kind).items()
-    }
 
 
 @pytest.fixture
@@ -37,7 +32,7 @@ def validator(types: Any) -> Draft202012Validator:
 @pytest.fixture
 def real() -> Draft202012Validator:
     """A validator with this package's types."""
-    return Draft202012Validator(schema(known("job"), known("provider")))
+    return Draft202012Validator(rigelfiles.schema())
 
 
 def errors(validator: Draft202012Validator, document: Any) -> list[str]:
@@ -106,11 +101,8 @@ def test_our_own_rigelfiles_are_clean(
     file = tmp_path / "Rigelfile"
     file.write_text(text)
 
-    def resolve(kind: str, plugin: str) -> Any:
-        return registry.job_type(plugin) if kind == "job" else registry.provider_type(plugin)
-
     environ = {"REGISTRY": "localhost:5000", "BASE_IMAGE": "ros:noetic"}
-    assert check_file(file, environ, resolve).render_findings() == []
+    assert check_file(file, environ, partial(registry.resolve, None)).render_findings() == []
     assert errors(real, yaml.safe_load(text)) == []
 
 

@@ -35,94 +35,64 @@ STATE = "/tmp/rigel-k8s-global-parameters"
 READY = f'read -r state <{STATE} && echo "$state" && test "$state" = set'
 
 
-def setter_name(release: str) -> str:
-    """Return the name of the Deployment, and of the ConfigMap with its files."""
-    return object_name(f"{release}-{CONTAINER}")
-
-
 def setter_of(options: OrchestrationOptions, image: str) -> Companion:
-    """Return the Deployment; each image of ROS 1 can set values.
+    """Return the Deployment, and a ConfigMap of its name; each image of ROS 1 can set values.
 
     Args:
         image: roscore's.
     """
     own = options.image or options.application_image or image
-    identity = PodIdentity(setter_name(str(options.deployment_name)), str(own))
+    identity = PodIdentity(object_name(f"{options.deployment_name}-{CONTAINER}"), str(own))
 
     def objects(
         release: ReleaseContext, texts: Texts, wired: Wiring, place: Mapping[str, Any]
     ) -> Iterator[tuple[Path, Object]]:
-        for item in setter_objects(release, identity, options, texts.files, wired, place):
-            yield (list_global_keys(options)[0],), item
+        path = (list_global_keys(options)[0],)
+        mounted = {name: texts.files[file] for name, file in list_local(options)}
+        if options.parameters:
+            mounted |= write_values(tree(options.parameters))
+        volume, mount = inpod_volume(release.release)
+        volumes, mounts = [volume], [mount]
+        if mounted:
+            yield path, config_map(release, identity.name, mounted, part_of=identity.name)
+            name = "rigel-parameters"
+            volumes.append({"name": name, "configMap": {"name": identity.name}})
+            mounts.append({"name": name, "mountPath": PARAMETERS_PATH, "readOnly": True})
+        # The parameter that marks that those of the release are set.
+        mark = f"/rigel_k8s/{re.sub('[^a-z0-9]', '_', release.release)}/global_parameters"
+        line = [*begin("ros1", options), *list_steps(options, "/"), "--keep", mark]
+        container = {
+            "name": CONTAINER,
+            "image": identity.image,
+            "args": line,
+            "env": environment(ros_variables(release), wired.env),
+            **probes(Readiness(command=["/bin/sh", "-c", READY]), ()),
+            "resources": RESOURCES,
+            "volumeMounts": [*mounts, *wired.mounts],
+        }
+        pod = {
+            "initContainers": list(wired.init_containers),
+            "containers": [container],
+            "volumes": [*volumes, *wired.volumes],
+            **place,
+            **wired.pod,
+        }
+        notes = {ROS_ANNOTATION: "none"}
+        restart = {PARAMETERS_ANNOTATION: digest([line, mounted])}
+        yield (
+            path,
+            deployment(
+                release,
+                identity.name,
+                drop_empty(pod),
+                strategy={"type": "Recreate"},
+                annotations={**notes, FIRST_ANNOTATION: "true"},
+                pod_annotations={**notes, **restart, **wired.annotations},
+            ),
+        )
 
     title = "the Deployment for global parameters"
     return Companion(identity=identity, title=title, objects=objects)
-
-
-def setter_objects(
-    release: ReleaseContext,
-    identity: PodIdentity,
-    options: OrchestrationOptions,
-    files: Mapping[str, str],
-    wired: Wiring,
-    place: Mapping[str, Any],
-) -> Iterator[Object]:
-    """Yield the files and the Deployment.
-
-    Args:
-        files: the texts of parameter files, by the names that the Rigelfile gives them.
-        place: fields of the pod's spec that decide where it runs.
-    """
-    mounted = {name: files[path] for name, path in list_local(options)}
-    if options.parameters:
-        mounted |= write_values(tree(options.parameters))
-    if mounted:
-        yield config_map(release, identity.name, mounted, part_of=identity.name)
-    line = [
-        *begin("ros1", options),
-        *list_steps(options, "/"),
-        "--keep",
-        mark_name(release.release),
-    ]
-    volume, mount = inpod_volume(release.release)
-    volumes, mounts = [volume], [mount]
-    if mounted:
-        volumes.append({"name": "rigel-parameters", "configMap": {"name": identity.name}})
-        mounts.append({"name": "rigel-parameters", "mountPath": PARAMETERS_PATH, "readOnly": True})
-    container = {
-        "name": CONTAINER,
-        "image": identity.image,
-        "args": line,
-        "env": environment(ros_variables(release), wired.env),
-        **probes(Readiness(command=["/bin/sh", "-c", READY]), ()),
-        "resources": RESOURCES,
-        "volumeMounts": [*mounts, *wired.mounts],
-    }
-    pod = {
-        "initContainers": list(wired.init_containers),
-        "containers": [container],
-        "volumes": [*volumes, *wired.volumes],
-        **place,
-        **wired.pod,
-    }
-    notes = {ROS_ANNOTATION: "none"}
-    yield deployment(
-        release,
-        identity.name,
-        drop_empty(pod),
-        strategy={"type": "Recreate"},
-        annotations={**notes, FIRST_ANNOTATION: "true"},
-        pod_annotations={
-            **notes,
-            PARAMETERS_ANNOTATION: digest([line, mounted]),
-            **wired.annotations,
-        },
-    )
-
-
-def mark_name(release: str) -> str:
-    """Return the parameter that marks that those of a release are set."""
-    return f"/rigel_k8s/{re.sub('[^a-z0-9]', '_', release)}/global_parameters"
 
 
 def digest(value: Any) -> str:

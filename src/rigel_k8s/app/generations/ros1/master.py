@@ -93,9 +93,7 @@ def master_of(options: OrchestrationOptions, distro: str) -> Companion:
         if release.gate:
             for item in gate_objects(release, texts.program):
                 yield ("gate",), item
-        params = options.additional_k8s_params.ros_master
-        selector = options.ros_master_placement.node_selector
-        master = master_deployment(release, identity.image, params, wired, selector)
+        master = master_deployment(release, identity.image, options, wired)
         yield ("deploy_ros_master",), master_service(release, master)
         yield ("deploy_ros_master",), master
 
@@ -103,14 +101,14 @@ def master_of(options: OrchestrationOptions, distro: str) -> Companion:
 
 
 def master_deployment(
-    release: ReleaseContext,
-    image: str,
-    params: Mapping[str, Any],
-    wired: Wiring,
-    node_selector: Mapping[str, str],
+    release: ReleaseContext, image: str, options: OrchestrationOptions, wired: Wiring
 ) -> Object:
     """Return roscore's Deployment with the user's own parts merged in."""
+    node_selector = options.ros_master_placement.node_selector
     volume, mount = inpod_volume(release.release)
+    # Its pod becomes unready after a minute of silence.
+    ready = probes("ros", ("master",))
+    ready["readinessProbe"]["failureThreshold"] = 6
     own = attrs.evolve(release, master_uri=f"http://localhost:{MASTER_PORT}")
     container = {
         "name": MASTER_CONTAINER,
@@ -118,7 +116,7 @@ def master_deployment(
         "args": list(ROSCORE),
         "env": environment(ros_variables(own), wired.env),
         "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
-        **patient(probes("ros", ("master",))),
+        **ready,
         "lifecycle": stop_hook(),
         "volumeMounts": [mount, *wired.mounts],
     }
@@ -149,13 +147,8 @@ def master_deployment(
         },
         pod_annotations=notes,
     )
-    merged: Object = merge(made, params)
+    merged: Object = merge(made, options.additional_k8s_params.ros_master)
     return merged
-
-
-def patient(made: Object) -> Object:
-    """Return roscore's probes; its pod becomes unready after a minute of silence."""
-    return {**made, "readinessProbe": {**made["readinessProbe"], "failureThreshold": 6}}
 
 
 def master_service(release: ReleaseContext, master: Mapping[str, Any]) -> Object:

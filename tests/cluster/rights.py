@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.commands.rbac import Subject, roles
+from rigel_k8s.commands.rbac import roles, subject
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
@@ -23,7 +23,7 @@ REVIEWS = "authorization.k8s.io/v1"
 
 def grant_role(admin: Any, namespace: str, purpose: str, user: str) -> None:
     """Give a user what `rigel rbac` prints for a purpose."""
-    role, *bindings = roles(Settings(namespace=namespace), purpose, [Subject("User", user)])
+    role, *bindings = roles(Settings(namespace=namespace), purpose, [subject("User", user)])
     for manifest in (role, *bindings):
         admin.apply(manifest)
     wait_for_right(admin, user, role["rules"][0], namespace)

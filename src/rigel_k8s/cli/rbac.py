@@ -43,12 +43,11 @@ def rbac(
     whereabouts and the observability stack, which needs about the rights of an administrator.
     """
     from rigel_k8s.commands import rbac as roles
-    from rigel_k8s.commands.rbac import Subject
     from rigel_k8s.yaml_text import documents
 
     subjects = [
-        *(Subject("User", name) for name in users),
-        *(Subject("Group", name) for name in groups),
+        *(roles.subject("User", name) for name in users),
+        *(roles.subject("Group", name) for name in groups),
         *map(roles.account, accounts),
     ]
     found = roles.roles(settings(ctx), purpose, subjects, namespace=namespace)

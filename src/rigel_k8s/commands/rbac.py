@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-import attrs
-
 from rigel_k8s.app.deploying.target import context_namespace
 from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.errors import RigelK8sError, UserError
@@ -19,24 +17,13 @@ POD_SECURITY = "pod-security.kubernetes.io/enforce"
 RBAC = "rbac.authorization.k8s.io"
 
 
-@attrs.frozen
-class Subject:
-    """The subject of a role: a user, a group, or a service account with its namespace."""
-
-    kind: Literal["User", "Group", "ServiceAccount"]
-    name: str
-    namespace: str = ""
-
-    @property
-    def manifest(self) -> dict[str, str]:
-        """The subject in the form of a binding."""
-        if self.kind == "ServiceAccount":
-            return {"kind": self.kind, "name": self.name, "namespace": self.namespace}
-        return {"apiGroup": RBAC, "kind": self.kind, "name": self.name}
+def subject(kind: Literal["User", "Group"], name: str) -> Manifest:
+    """Return a user or a group in the form of a binding."""
+    return {"apiGroup": RBAC, "kind": kind, "name": name}
 
 
-def account(text: str) -> Subject:
-    """Return the service account of NAMESPACE:NAME.
+def account(text: str) -> Manifest:
+    """Return the service account of NAMESPACE:NAME in the form of a binding.
 
     Raises:
         UserError: the text is something else.
@@ -46,11 +33,11 @@ def account(text: str) -> Subject:
         raise UserError(
             f'"{text}" is not a service account', hint="write NAMESPACE:NAME, as kubectl does"
         )
-    return Subject("ServiceAccount", name, namespace)
+    return {"kind": "ServiceAccount", "name": name, "namespace": namespace}
 
 
 def roles(
-    settings: Settings, purpose: str, subjects: Sequence[Subject], *, namespace: str | None = None
+    settings: Settings, purpose: str, subjects: Sequence[Manifest], *, namespace: str | None = None
 ) -> list[Manifest]:
     """Return a role, and its bindings if there are subjects.
 
@@ -90,7 +77,7 @@ def bind(
     name: str,
     namespace: str,
     rules: Sequence[Manifest],
-    subjects: Sequence[Subject],
+    subjects: Sequence[Manifest],
 ) -> Iterator[Manifest]:
     """Yield a role, and a separate binding for each subject, so that no apply ends another's."""
     place = {"namespace": namespace} if namespace else {}
@@ -101,12 +88,13 @@ def bind(
         "metadata": {"name": name, **place},
         "rules": list(rules),
     }
-    for subject in subjects:
-        full = ":".join(filter(None, (name, subject.kind.lower(), subject.namespace, subject.name)))
+    for one in subjects:
+        words = (name, one["kind"].lower(), one.get("namespace"), one["name"])
+        full = ":".join(filter(None, words))
         yield {
             "apiVersion": api,
             "kind": f"{kind}Binding",
             "metadata": {"name": full.replace("/", "-").replace("%", "-"), **place},
             "roleRef": {"apiGroup": RBAC, "kind": kind, "name": name},
-            "subjects": [subject.manifest],
+            "subjects": [one],
         }

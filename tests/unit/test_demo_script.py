@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.programs
+
 SCRIPT = Path(__file__).parents[2] / "examples/demo.sh"
 #: Notes its words; the base image's build waits until the cluster is up.
 RIGEL = """#!/bin/sh
@@ -63,7 +65,6 @@ def test_the_base_image_is_built_while_the_cluster_comes_up(tmp_path: Path) -> N
     assert "cluster down --name demo" in done.stdout
 
 
-@pytest.mark.programs
 def test_a_base_image_that_fails_says_why(tmp_path: Path) -> None:
     """What it printed meanwhile is shown, and nothing is deployed."""
     done = demo(tmp_path, fails=3)

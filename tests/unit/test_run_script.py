@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.programs
+
 RUN = Path(__file__).parents[2] / "run"
 #: Ends the tests with the code in CODE, everything else with 0 and at once.
 PROGRAM = """#!/bin/sh

@@ -12,6 +12,8 @@ import pytest
 
 from tests.support.terminal import Terminal, open_terminal
 
+pytestmark = pytest.mark.programs
+
 SCRIPT = Path(__file__).parents[2] / "tools/steps.sh"
 #: A command with more words than a terminal is wide; it goes on when it is allowed to.
 COMMAND = """set -euo pipefail

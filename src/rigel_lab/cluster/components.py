@@ -19,6 +19,7 @@ import yaml
 
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.system.cache import cache_dir, locked
+from rigel_k8s.yaml_text import Loader
 from rigel_lab.cluster.commands import Report, run
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.releases import Release, Unavailable, Upstream
@@ -26,7 +27,7 @@ from rigel_lab.cluster.releases import Release, Unavailable, Upstream
 
 def _read_builds() -> Iterator[tuple[str, GoBuild]]:
     text = Path(__file__).with_name("programs.yaml").read_text("utf-8")
-    for key, written in yaml.safe_load(text).items():
+    for key, written in yaml.load(text, Loader).items():
         spec = json.loads(json.dumps(written).replace("VERSION", written["version"]))
         release = spec.pop("release", None)
         fields = {name: tuple(v) if isinstance(v, list) else v for name, v in spec.items()}

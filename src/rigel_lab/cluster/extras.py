@@ -8,13 +8,14 @@ from typing import Any
 
 import yaml
 
+from rigel_k8s.yaml_text import Loader
 from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.components import ON_REQUEST, Components
 from rigel_lab.cluster.oci import Image
 
 #: What `--with` can request: its images by a short name, each as the file describes it.
-EXTRAS: Mapping[str, Mapping[str, Mapping[str, Any]]] = yaml.safe_load(
-    Path(__file__).with_name("extras.yaml").read_text("utf-8")
+EXTRAS: Mapping[str, Mapping[str, Mapping[str, Any]]] = yaml.load(
+    Path(__file__).with_name("extras.yaml").read_text("utf-8"), Loader
 )
 #: Short names -> the names under which nodes pull the images.
 IMAGES = {name: spec["image"] for extra in EXTRAS.values() for name, spec in extra.items()}

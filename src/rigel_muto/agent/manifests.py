@@ -12,6 +12,7 @@ import yaml
 from rigel_k8s import __version__
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
+from rigel_k8s.yaml_text import Loader
 from rigel_muto.agent.options import MutoAgent
 
 #: What `rigel image muto-agent` builds.
@@ -58,7 +59,8 @@ def agent_objects(
 
 
 def _make_pod(around: ReleaseContext, options: MutoAgent) -> Object:
-    pod: Object = yaml.safe_load(files(__package__).joinpath("pod.yaml").read_text("utf-8"))
+    text = files(__package__).joinpath("pod.yaml").read_text("utf-8")
+    pod: Object = yaml.load(text, Loader)
     [container] = pod["containers"]
     pod["serviceAccountName"] = pod["volumes"][0]["configMap"]["name"] = around.release
     container["image"] = str(options.image or AGENT_IMAGE)

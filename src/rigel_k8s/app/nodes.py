@@ -218,7 +218,11 @@ def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
 def pod_spec(pod: NodePod) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
     node, options = pod.node, pod.node.options
-    pairs = [*ros_volumes(pod.release), *parameter_volume(node, pod.command)]
+    pairs = ros_volumes(pod.release)
+    if pod.command.files:
+        volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}
+        mount = {"name": volume["name"], "mountPath": PARAMETERS_PATH, "readOnly": True}
+        pairs.append((volume, mount))
     volumes, seen = mounts(options, node.volumes)
     volumes = [*(volume for volume, _ in pairs), *volumes]
     seen = [*(mount for _, mount in pairs), *seen, *pod.wired.mounts]
@@ -309,13 +313,6 @@ def resources(asked: Resources, devices: Mapping[str, str]) -> Object:
 def parameters_config(node: RosNode) -> str:
     """Return the name of the ConfigMap with the node's parameters."""
     return f"{node.name}-parameters"
-
-
-def parameter_volume(node: RosNode, command: Command) -> Iterator[tuple[Object, Object]]:
-    """Yield (volume, mount) of the parameter files, if there are any."""
-    if command.files:
-        volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}
-        yield volume, {"name": volume["name"], "mountPath": PARAMETERS_PATH, "readOnly": True}
 
 
 def parameters_hash(command: Command) -> dict[str, str]:

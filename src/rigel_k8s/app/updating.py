@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import attrs
@@ -137,8 +137,11 @@ def find_own_machine(node: NodeOptions) -> str | None:
 def find_shared(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
     """Return why a node's volumes, or its patch, prevent two pods from running side by side."""
     mounted = [mount_of(item) for item in node.volumes]
-    claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
-    return find_exclusive(claims) or find_patched(node.patch)
+    claims = (volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes)
+    for volume in claims:
+        if volume.access_mode in EXCLUSIVE:
+            return f"its volume {volume.name} is {volume.access_mode}"
+    return find_patched(node.patch)
 
 
 def has_variable(node: NodeOptions, name: str) -> bool:
@@ -146,14 +149,6 @@ def has_variable(node: NodeOptions, name: str) -> bool:
     if isinstance(node.env, Mapping):
         return name in {str(key) for key in node.env}
     return name in {str(one.name) for one in node.env}
-
-
-def find_exclusive(volumes: Iterable[Volume]) -> str | None:
-    """Return why a volume cannot be mounted by two pods."""
-    for volume in volumes:
-        if volume.access_mode in EXCLUSIVE:
-            return f"its volume {volume.name} is {volume.access_mode}"
-    return None
 
 
 def find_patched(patch: Mapping[str, Any]) -> str | None:

@@ -53,7 +53,8 @@ def mounts(options: NodeOptions, known: Mapping[str, Volume]) -> tuple[list[Obje
 def volume_of(mount: VolumeMount, index: int, known: Mapping[str, Volume]) -> Object:
     """Return the pod's volume of a mount."""
     if mount.name:
-        return volume_source(known[mount.name])
+        claim = {"claimName": f"{mount.name}-pvc"}
+        return {"name": str(mount.name), "persistentVolumeClaim": claim}
     source: dict[str, Any] = {
         "hostPath": {"path": str(mount.host_path)} if mount.host_path else None,
         "configMap": {"name": str(mount.config_map)} if mount.config_map else None,
@@ -85,14 +86,6 @@ def device_resources(devices: Sequence[MountPath | Device]) -> dict[str, str]:
 def mount_path(volume: Volume) -> str:
     """Return where a volume is mounted by default."""
     return str(volume.mount_path or f"/persistent/{volume.name}")
-
-
-def volume_source(volume: Volume) -> Object:
-    """Return a pod's volume."""
-    return {
-        "name": str(volume.name),
-        "persistentVolumeClaim": {"claimName": f"{volume.name}-pvc"},
-    }
 
 
 def storage(

@@ -14,7 +14,7 @@ from rigel_k8s.cli.words import namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.rosgraph import LiveGraph
-    from rigel_k8s.rosgraph.drawing.picture import Picture
+    from rigel_k8s.rosgraph.drawing import Picture
 
 FORMS = ("text", "json", "dot")
 #: Pictures, which Graphviz draws.
@@ -95,7 +95,7 @@ def show(text: str, form: str, to: Path | None) -> None:
 def render(found: LiveGraph, form: str, *, everything: bool) -> str:
     """Return a graph in a form; a picture as what Graphviz draws it from."""
     from rigel_k8s.commands.rosgraph import picture_of
-    from rigel_k8s.rosgraph.drawing.dot import write_dot
+    from rigel_k8s.rosgraph.drawing import write_dot
 
     if form == "json":
         return json.dumps(graph_json(found), indent=2) + "\n"

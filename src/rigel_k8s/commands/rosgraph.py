@@ -14,7 +14,7 @@ from rigel_k8s.errors import ClusterError, CommandFailed
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.drawing.picture import Picture, make_picture
+from rigel_k8s.rosgraph.drawing import Picture, make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.rosgraph.types import RosGraph

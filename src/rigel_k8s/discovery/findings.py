@@ -143,7 +143,11 @@ def check_pod(member: Member, seen: Observation) -> Iterator[Problem]:
     """Yield what is wrong inside one pod."""
     wrong = list(interface_findings(member, seen))
     if not wrong and member.middleware == "zenoh":
-        wrong = list(router_findings(member, seen))
+        if not seen.routers:
+            remedy = (
+                "check that the router's pod runs, its Service exists, and TCP port 7447 is open"
+            )
+            wrong = [("no-router", "is not connected to a zenoh router", remedy)]
     elif not wrong:
         wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
     for kind, message, remedy in wrong:
@@ -209,13 +213,6 @@ def server_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     if silent:
         remedy = "check that the server's pod runs, its Service exists, and UDP passes both ways"
         yield "no-server", f"gets no answer from the discovery server {join_words(silent)}", remedy
-
-
-def router_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
-    """Yield a finding if the pod is not connected to a zenoh router."""
-    if not seen.routers:
-        remedy = "check that the router's pod runs, its Service exists, and TCP port 7447 is open"
-        yield "no-router", "is not connected to a zenoh router", remedy
 
 
 def find_undiscovered(

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from rigel_k8s.rosgraph.drawing.dot import write_dot
-from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Picture, make_picture
+from rigel_k8s.rosgraph.drawing import NOWHERE, Picture, make_picture, write_dot
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui.feed import Entries
 

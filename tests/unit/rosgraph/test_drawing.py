@@ -14,8 +14,7 @@ import pytest
 
 from rigel_k8s.cli.rosgraph import FORMS, render
 from rigel_k8s.commands.rosgraph import picture_of
-from rigel_k8s.rosgraph.drawing.dot import write_dot
-from rigel_k8s.rosgraph.drawing.picture import make_picture
+from rigel_k8s.rosgraph.drawing import make_picture, write_dot
 from rigel_k8s.rosgraph.types import RosGraph
 
 from .graphs import ODD, ROBOT, live

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rigel_k8s.rosgraph.drawing.picture import make_picture
+from rigel_k8s.rosgraph.drawing import make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics

@@ -31,7 +31,7 @@ from rigel_k8s.generation import Texts, generation_of
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.observability.request import StackRequest, request_of
-from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.release.types import DEFAULT_TIMEOUT, Desired, ReleaseId, Revision
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
 
@@ -179,12 +179,6 @@ def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | Non
         return options.timeout.seconds
     if isinstance(options.readiness, Readiness) and options.readiness.timeout_seconds:
         return float(options.readiness.timeout_seconds)
-    return _find_longest_timeout(options)
-
-
-def _find_longest_timeout(options: OrchestrationOptions) -> float | None:
-    from rigel_k8s.release.types import DEFAULT_TIMEOUT
-
     checks = [n.readiness for n in options.nodes.values() if isinstance(n.readiness, Readiness)]
     longest = max((float(c.timeout_seconds or 0) for c in checks), default=0.0)
     return longest if longest > DEFAULT_TIMEOUT else None

@@ -1,13 +1,15 @@
-"""What a picture of a ROS graph shows: boxes, pills and arrows, in groups by machine.
+"""A picture of a ROS graph: what it shows, and its description in DOT; pure.
 
-Why: all forms show the same. What each node has (its log, its parameter events) hides the rest of a
-graph, and is left out unless everything is requested. No form, no coordinates here.
+What each node has (its log, its parameter events) hides the rest of a graph, and is left out unless
+everything is requested. DOT is the one description that Graphviz lays out, so all pictures agree:
+`rigel graph --to graph.svg` passes it to the program `dot`, the page of `rigel ui` to Graphviz in
+the browser.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import attrs
 
@@ -17,6 +19,7 @@ from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphTopic, RosGraph
 
 #: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
+BAD = 'color="#cf2130", fontcolor="#cf2130"'
 ELSEWHERE, NOWHERE = "outside the release", "on no machine"
 
 
@@ -72,19 +75,13 @@ class Arrow:
 
 @attrs.frozen
 class Picture:
-    """What is shown.
-
-    Attributes:
-        groups: titles, in their order; each has a box or a pill.
-        problems: messages, whether or not their nodes and topics are shown.
-    """
+    """What is shown; `groups` are titles, in their order: each has a box or a pill."""
 
     title: str
     groups: tuple[str, ...]
     boxes: tuple[Box, ...]
     pills: tuple[Pill, ...]
     arrows: tuple[Arrow, ...]
-    problems: tuple[str, ...] = ()
 
 
 def make_picture(
@@ -101,7 +98,7 @@ def make_picture(
     """
     found = tuple(problems)
     bad_nodes = {name for p in found if p.kind != "no-publisher" for name in p.subjects}
-    bad_topics = {topic_of(p): p for p in found if p.path}
+    bad_topics = {topic_of(p): p.subjects for p in found if p.path}
     topics = [topic for topic in graph.topics if everything or topic.is_public]
     busy = {name for topic in topics for name in (*topic.publishers, *topic.subscribers)}
     known = {node.name: node for node in graph.nodes}
@@ -122,7 +119,7 @@ def make_picture(
     places = {box.name: box.group for box in boxes}
     pills = tuple(make_pill(topic, places, bad=topic.name in bad_topics) for topic in topics)
     arrows = tuple(
-        Arrow(node, topic.name, out, is_bad(node, bad_topics.get(topic.name)))
+        Arrow(node, topic.name, out, node in bad_topics.get(topic.name, ()))
         for topic in topics
         for out, nodes in ((True, topic.publishers), (False, topic.subscribers))
         for node in nodes
@@ -130,7 +127,7 @@ def make_picture(
     groups = tuple(
         sorted({box.group for box in boxes}, key=lambda g: (g in (ELSEWHERE, NOWHERE), g))
     )
-    return Picture(title, groups, boxes, pills, arrows, tuple(p.message for p in found))
+    return Picture(title, groups, boxes, pills, arrows)
 
 
 def group_of(node: GraphNode) -> str:
@@ -174,13 +171,73 @@ def show_name(topic: str) -> str:
     return f"{topic.removesuffix(FEEDBACK)} (action)" if topic.endswith(FEEDBACK) else topic
 
 
-def is_bad(node: str, problem: Problem | None) -> bool:
-    """Whether a problem of a topic concerns its connection to a node."""
-    return problem is not None and node in problem.subjects
-
-
 def format_rate(value: float) -> str:
     """Return messages a second: 0.25/s, 9.8/s, 120/s."""
     if value >= 100:
         return f"{value:.0f}/s"
     return f"{value:.1f}/s" if value >= 1 else f"{value:.2g}/s"
+
+
+def write_dot(picture: Picture) -> str:
+    """Return a picture as a DOT document.
+
+    A topic whose nodes are all on one machine is in that machine's cluster.
+    """
+    lines = [
+        "digraph ros {",
+        f"  graph [rankdir=LR, fontname=Helvetica, labelloc=t, label={quote(picture.title)}];",
+        '  node [shape=box, fontname=Helvetica, margin="0.22,0.08", color="#8794a5"];',
+        '  edge [color="#8794a5", arrowsize=0.7];',
+    ]
+    for number, group in enumerate(picture.groups):
+        inside = [write_box(box) for box in picture.boxes if box.group == group]
+        inside += [write_pill(p) for p in picture.pills if p.group == group and not p.shared]
+        lines += [
+            f"  subgraph cluster_{number} {{",
+            f'    label={quote(group)}; labeljust=l; style="rounded,filled";'
+            ' color="#dce1e8"; fillcolor="#f4f6f9";',
+            *(f"    {line}" for line in inside),
+            "  }",
+        ]
+    lines += [f"  {write_pill(pill)}" for pill in picture.pills if pill.shared]
+    lines += [f"  {line}" for line in write_arrows(picture)]
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def write_box(box: Box) -> str:
+    """Return a node."""
+    style = "filled,dashed" if box.missing else "filled"
+    more = [BAD] if box.bad else []
+    words = [f"label={lines(box.name, box.note)}", f'style="{style}"']
+    return f"{quote('node ' + box.name)} [{', '.join([*words, 'fillcolor=white', *more])}];"
+
+
+def write_pill(pill: Pill) -> str:
+    """Return a topic."""
+    more = [BAD] if pill.bad else []
+    words = [f"label={lines(show_name(pill.name), pill.type, pill.rate)}"]
+    look = ['style="rounded,filled"', 'fillcolor="#e3eefc"']
+    return f"{quote('topic ' + pill.name)} [{', '.join([*words, *look, *more])}];"
+
+
+def write_arrows(picture: Picture) -> Iterator[str]:
+    """Yield the edges."""
+    for arrow in picture.arrows:
+        ends = [quote(f"node {arrow.node}"), quote(f"topic {arrow.topic}")]
+        one, other = ends if arrow.out else ends[::-1]
+        yield f"{one} -> {other}" + (' [color="#cf2130"];' if arrow.bad else ";")
+
+
+def lines(*texts: str) -> str:
+    """Return a label of several lines."""
+    return '"' + "\\n".join(escape(text) for text in texts if text) + '"'
+
+
+def quote(text: str) -> str:
+    """Return a text as DOT writes it."""
+    return f'"{escape(text)}"'
+
+
+def escape(text: str) -> str:
+    """Return a text between DOT's quotes; a backslash would begin an escape sequence."""
+    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")

@@ -1,4 +1,0 @@
-"""Pictures of a ROS graph in DOT; pure.
-
-`picture.py` chooses what is shown, `dot.py` writes it.
-"""

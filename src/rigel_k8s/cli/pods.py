@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import re
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from rigel_k8s.cli.colors import name_style
 from rigel_k8s.cli.words import Timeout, complete_node, namespace_option, release_option, settings
+from rigel_k8s.commands.logs.lines import LogLine, LogOptions, stamp
 from rigel_k8s.observability.names import LEVELS
-
-if TYPE_CHECKING:
-    from rigel_k8s.commands.logs.lines import LogLine
 
 FOLLOWED = 10  # old lines of each pod before the new ones
 #: What a line could do to a terminal beside its colors: set the title, move the cursor, overwrite.
@@ -83,7 +81,6 @@ def logs(
     pods, without those of the last seconds.
     """
     from rigel_k8s.commands.logs.history import logs as lines_of
-    from rigel_k8s.commands.logs.lines import LogOptions
 
     if follow and (since, level, tail) == (None, None, None):
         tail = FOLLOWED
@@ -107,16 +104,12 @@ def logs(
 
 def text_of(line: LogLine, *, timestamps: bool) -> str:
     """Return a line as text."""
-    from rigel_k8s.commands.logs.lines import stamp
-
     text = CONTROLS.sub("", line.text)
     return f"{stamp(line.time)} {text}" if timestamps and line.time else text
 
 
 def line_json(line: LogLine) -> dict[str, str | None]:
     """Return a line for scripts (docs/cli.md)."""
-    from rigel_k8s.commands.logs.lines import stamp
-
     return {
         "time": stamp(line.time) if line.time else None,
         "level": line.level or None,

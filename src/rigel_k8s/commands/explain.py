@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from difflib import get_close_matches
 
 import attrs
@@ -13,7 +12,7 @@ from rigel_k8s.kinds import KUBECTL, PODS
 from rigel_k8s.network.preflight.checks import KINDS
 from rigel_k8s.release.rollout.causes import CAUSES
 
-_LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
+LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
 
 
 @attrs.frozen
@@ -35,7 +34,21 @@ class Explanation:
 
 def list_kinds() -> list[Explanation]:
     """Return all, in the order of docs/errors.md; a kind of two groups is there twice."""
-    return list(_list_kinds())
+    of_pods = (("not ready", {**CAUSES, **PODS}), ("kubectl get pods", KUBECTL))
+    explanations = [
+        Explanation(name, group, strip_links(kind.cause), strip_links(kind.remedy))
+        for group, kinds in of_pods
+        for name, kind in kinds.items()
+    ]
+    for kind in KINDS.values():
+        by = strip_links(kind.found_by)
+        explanations.append(Explanation(kind.name, "network", strip_links(kind.cause), found_by=by))
+    return explanations
+
+
+def strip_links(markdown: str) -> str:
+    """Return a text without its links, which a terminal cannot follow."""
+    return LINK.sub(r"\1", markdown)
 
 
 def explain(kind: str) -> list[Explanation]:
@@ -55,20 +68,3 @@ def explain(kind: str) -> list[Explanation]:
         hint="the message before a word in brackets says what is wrong, where, and what to do;"
         " `rigel explain` lists the words that have more to explain",
     )
-
-
-def _strip(markdown: str) -> str:
-    """Return a text without its links, which a terminal cannot follow."""
-    return _LINK.sub(r"\1", markdown)
-
-
-def _list_kinds() -> Iterator[Explanation]:
-    for group, kinds in (
-        ("not ready", {**CAUSES, **PODS}),
-        ("kubectl get pods", KUBECTL),
-    ):
-        for name, kind in kinds.items():
-            yield Explanation(name, group, _strip(kind.cause), _strip(kind.remedy))
-    for found in KINDS.values():
-        by = _strip(found.found_by)
-        yield Explanation(found.name, "network", _strip(found.cause), found_by=by)

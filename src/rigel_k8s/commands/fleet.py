@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
-
-import attrs
 
 from rigel_k8s.commands import releases
 from rigel_k8s.commands.interruption import interruptible
@@ -47,15 +44,48 @@ def down(
     steps = list_steps(jobs.rigelfile, sequence, settings)
     with connect(settings) as cluster:
         stages = [list_releases(step, jobs, cluster) for step in steps.steps]
+    plans: dict[ReleaseId, Plan] = {}
+    outcomes: list[Outcome] = []
     with interruptible() as cancel:
-        removal = Removal(settings, report, cancel, volumes=volumes)
-        removal.end_all(stages[::-1])
-    if all(plan.is_empty for plan in removal.plans.values()):
+
+        def end(release: ReleaseId) -> Outcome:
+            name = describe(release)
+            if cancel.is_set():
+                return Outcome(name, "not begun")
+            part = report.child(release.namespace)
+            try:
+                found = Release(connect(settings), release)
+                plans[release] = releases.down(found, settings, part, cancel, volumes=volumes)
+            except Interrupted:
+                return Outcome(name, "stopped")
+            except RigelK8sError as error:
+                return Outcome(name, "failed", make_failure(name, error))
+            return Outcome(name, "done")
+
+        for stage in reversed(stages):
+            if count_failures(outcomes):
+                outcomes += [Outcome(describe(release), "not begun") for release in stage]
+            else:
+                outcomes += parallel(end, stage, width=WIDTH)
+        require_done(outcomes, interrupted=cancel.is_set())
+    if all(plan.is_empty for plan in plans.values()):
         raise UserError(
             f'no release of the sequence "{sequence}" exists',
             hint="list all releases with `rigel list -A`, or choose a cluster with --context",
         )
-    return list(removal.plans.items())
+    return list(plans.items())
+
+
+def require_done(outcomes: Sequence[Outcome], *, interrupted: bool) -> None:
+    """Raise if not all releases are deleted."""
+    details = list(list_outcomes(outcomes))
+    hint = "run the same command again to delete the rest"
+    if interrupted and any(outcome.state != "done" for outcome in outcomes):
+        message = "interrupted before all releases were deleted"
+        raise Interrupted(message, hint=hint, details=details)
+    if failures := count_failures(outcomes):
+        message = f"{failures} of {len(outcomes)} releases could not be deleted"
+        raise ClusterError(message, hint=hint, details=details)
 
 
 def list_releases(step: Step, jobs: Jobs, cluster: Cluster) -> list[ReleaseId]:
@@ -68,62 +98,6 @@ def list_releases(step: Step, jobs: Jobs, cluster: Cluster) -> list[ReleaseId]:
             if release is not None:
                 own[release] = None
     return list(own)
-
-
-@attrs.frozen
-class Removal:
-    """The end of several releases.
-
-    Attributes:
-        cancel: set when the user asks to stop.
-        plans: what was deleted of each release.
-    """
-
-    settings: Settings
-    report: JobReporter
-    cancel: threading.Event
-    volumes: bool = attrs.field(kw_only=True)
-    plans: dict[ReleaseId, Plan] = attrs.field(factory=dict)
-
-    def end_all(self, stages: Sequence[Sequence[ReleaseId]]) -> None:
-        """Delete the releases of each stage side by side, one stage after the other.
-
-        Raises: as down.
-        """
-        outcomes: list[Outcome] = []
-        for stage in stages:
-            if self.cancel.is_set() or count_failures(outcomes):
-                outcomes += [Outcome(describe(release), "not begun") for release in stage]
-            else:
-                outcomes += parallel(self.end, stage, width=WIDTH)
-        self.raise_for(outcomes)
-
-    def end(self, release: ReleaseId) -> Outcome:
-        """Delete one release."""
-        name = describe(release)
-        if self.cancel.is_set():
-            return Outcome(name, "not begun")
-        part = self.report.child(release.namespace)
-        try:
-            found = Release(connect(self.settings), release)
-            plan = releases.down(found, self.settings, part, self.cancel, volumes=self.volumes)
-        except Interrupted:
-            return Outcome(name, "stopped")
-        except RigelK8sError as error:
-            return Outcome(name, "failed", make_failure(name, error))
-        self.plans[release] = plan
-        return Outcome(name, "done")
-
-    def raise_for(self, outcomes: Sequence[Outcome]) -> None:
-        """Raise if not all releases are deleted."""
-        details = list(list_outcomes(outcomes))
-        hint = "run the same command again to delete the rest"
-        if self.cancel.is_set() and any(outcome.state != "done" for outcome in outcomes):
-            message = "interrupted before all releases were deleted"
-            raise Interrupted(message, hint=hint, details=details)
-        if failures := count_failures(outcomes):
-            message = f"{failures} of {len(outcomes)} releases could not be deleted"
-            raise ClusterError(message, hint=hint, details=details)
 
 
 def describe(release: ReleaseId) -> str:

@@ -13,7 +13,7 @@ import attrs
 
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, unify_lists
-from rigel_k8s.app.programs import Command, complete_file, find_program, full_name, run_beside
+from rigel_k8s.app.programs import Command, find_program, full_name, run_beside
 from rigel_k8s.app.updating import is_rolling
 from rigel_k8s.generation import Generation, Loading
 from rigel_k8s.objects.scalars import RosName
@@ -37,7 +37,7 @@ def load_components(
     path = f"{PARAMETERS_PATH}/{FILE}"
     run = run_beside(command, loading.script, path)
     completes = node.substitution_args and has_substitution(plan)
-    start = (*command.start, *complete_file(path)) if completes else command.start
+    start = (*command.start, "--complete", path) if completes else command.start
     return attrs.evolve(run, files=files, start=start)
 
 

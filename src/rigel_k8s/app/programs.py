@@ -118,11 +118,6 @@ def begin(ros: str, options: ParameterOptions, env: Extra = ()) -> Iterator[str]
                 yield from ("--env", name)
 
 
-def complete_file(path: str) -> tuple[str, str]:
-    """Return the words that complete a mounted JSON file, which the program's words name."""
-    return "--complete", path
-
-
 def list_steps(options: ParameterOptions, namespace: str) -> Iterator[str]:
     """Yield the words that set parameters of ROS 1 below a namespace."""
     above = namespace.rstrip("/")

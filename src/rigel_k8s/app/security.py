@@ -48,20 +48,8 @@ INIT_NAME = "rigel-home"
 SHARED = ("image", "imagePullPolicy", "resources")
 IDENTITY = ("runAsUser", "runAsGroup", "seLinuxOptions")
 
-LEVEL = "security: restricted"
 POD = ("spec", "template", "spec")
-NETWORK = (
-    "security: restricted does not allow the machine's own network: choose another mode, or remove"
-    " `security`"
-)
-HOST_PATH = (
-    "security: restricted does not allow directories and files of the machine: use one of"
-    " persistent_storage.volumes, or remove `security`"
-)
-DEVICE = (
-    "security: restricted does not allow device files: use a device plugin and `resource:"
-    " squat.ai/NAME`, or remove `security`"
-)
+OWN_NETWORK = "the machine's own network"
 OWNER = (
     "Kubernetes does not change the owner of a machine's directory: user {user} must be able to"
     " write to {path} there (`chown {user} {path}` on the machine)"
@@ -181,7 +169,8 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
     if options.security is None:
         return
     if options.network is not None and mode_of(options.network).in_machine_network:
-        yield Problem(mode_path(options.network), NETWORK, "restricted", at_key=True)
+        path = mode_path(options.network)
+        yield refuse(path, OWN_NETWORK, "choose another mode, or remove `security`")
     for key, node in options.nodes.items():
         yield from (problem.under(("nodes", str(key))) for problem in check_node(node))
     params = options.additional_k8s_params
@@ -197,16 +186,17 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
 def check_node(node: NodeOptions) -> Iterator[Problem]:
     """Yield what a node requests that is not allowed; paths are the node's own."""
     if node.host_network:
-        message = NETWORK.replace("choose another mode", "remove `host_network`")
-        yield Problem(("host_network",), message, "restricted", at_key=True)
+        yield refuse(("host_network",), OWN_NETWORK, "remove `host_network`, or remove `security`")
     for path, what in find_in_context(node.security_context):
         yield refuse(("security_context", *path), what)
     for index, mount in enumerate(map(mount_of, node.volumes)):
         if mount.host_path:
-            yield Problem(("volumes", index), HOST_PATH, "restricted")
+            instead = "use one of persistent_storage.volumes, or remove `security`"
+            yield refuse(("volumes", index), "directories and files of the machine", instead)
     for index, device in enumerate(map(device_of, node.devices)):
         if device.path:
-            yield Problem(("devices", index), DEVICE, "restricted")
+            instead = "use a device plugin and `resource: squat.ai/NAME`, or remove `security`"
+            yield refuse(("devices", index), "device files", instead)
     yield from find_in_patch(("patch",), node.patch)
 
 
@@ -216,7 +206,7 @@ def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
         yield refuse((*path, *POD, *below), what)
 
 
-def refuse(path: Path, what: str) -> Problem:
+def refuse(path: Path, what: str, instead: str = "remove one of the two") -> Problem:
     """Return the problem of a value that the level does not allow."""
-    message = f"{LEVEL} does not allow {what}: remove one of the two"
+    message = f"security: restricted does not allow {what}: {instead}"
     return Problem(path, message, "restricted", at_key=True)

@@ -11,7 +11,7 @@ import time
 
 from rigel_k8s.discovery.findings import DiscoveryGraph, graph
 from rigel_k8s.discovery.looks import LISTEN, look
-from rigel_k8s.discovery.members import Member, members
+from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
@@ -47,14 +47,9 @@ def look_briefly(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
 ) -> DiscoveryGraph | None:
     """Return the graph that a look of so many seconds shows."""
-    found = participants(cluster, release)
-    return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
-
-
-def participants(cluster: Cluster, release: ReleaseId) -> list[Member]:
-    """Return the pods of a release that take part in DDS."""
     labels = {RELEASE_LABEL: release.name}
-    return members(cluster.list("v1", "Pod", release.namespace, labels=labels))
+    found = members(cluster.list("v1", "Pod", release.namespace, labels=labels))
+    return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
 
 
 def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: threading.Event) -> None:

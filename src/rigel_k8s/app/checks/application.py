@@ -7,7 +7,7 @@ options that its last revision may have are not required.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import date
 from typing import Any
 
@@ -66,7 +66,10 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_readiness(("readiness",), options.readiness)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
     yield from check_rollback(options, ros)
-    yield from check_params(options)
+    params = options.additional_k8s_params
+    yield from check_patch(("additional_k8s_params", "ros_master"), params.ros_master)
+    yield from check_patch(("additional_k8s_params", "application"), params.application)
+    yield from check_application_only(options)
     yield from check_containers(options, ros)
     yield from check_observability(options, ros)
     for key, node in options.nodes.items():
@@ -221,14 +224,6 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
         yield from check_line((*path, "command"), readiness.command)
 
 
-def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield raw parts that would separate a Deployment from its pods."""
-    params = options.additional_k8s_params
-    for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
-        yield from check_patch(("additional_k8s_params", key), tree)
-    yield from check_application_only(options)
-
-
 def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:
     """Yield options about the application's Deployment in a job that has only nodes."""
     if not options.nodes or options.application_image:
@@ -274,15 +269,12 @@ def check_containers(options: OrchestrationOptions, ros: Generation) -> Iterator
         ),
     ]
     for path, patch, first in written:
-        if extra := list_extra_containers(containers_of(patch), first):
+        names = [str(one.get("name")) for one in containers_of(patch)]
+        extra = [*first, *(name for name in names if name not in first)][1:]
+        if extra:
             place = (*path, "spec", "template", "spec", "containers")
-            yield Problem(place, f"{extra}: {SIDECARS}", "sidecar", at_key=True)
-
-
-def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
-    """Return the names of a pod's containers after the first, "" for none."""
-    names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
-    return ", ".join(names[1:])
+            message = f"{', '.join(extra)}: {SIDECARS}"
+            yield Problem(place, message, "sidecar", at_key=True)
 
 
 def check_observability(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:

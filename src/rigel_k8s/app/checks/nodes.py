@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import Any
 
 from rigel_k8s.app.checks.commands import (
     IN_NODES,
@@ -134,19 +133,16 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
 def check_appended(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield parameters and remappings that no program would read."""
     yield from check_parameters(node, ros)
+    runs = bool(ros.program(node))
     for key in (k for k in APPENDED if getattr(node, k)):
-        if reason := explain_unreadable(node, key, ros):
+        reason: str | None = (
+            f"{key} cannot be appended to the image's CMD:"
+            " set what runs with args, package and executable, or launch"
+        )
+        if runs:
+            reason = ros.explain_unreadable(node, key)
+        if reason:
             yield Problem((key,), reason, "not-appendable", at_key=True)
-
-
-def explain_unreadable(node: NodeOptions, key: str, ros: Generation) -> str | None:
-    """Return why a node could not read the key's value, None if it can."""
-    if ros.program(node):
-        return ros.explain_unreadable(node, key)
-    return (
-        f"{key} cannot be appended to the image's CMD:"
-        " set what runs with args, package and executable, or launch"
-    )
 
 
 def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
@@ -222,7 +218,8 @@ def check_machine_data(
         volumes: the release's persistent volumes, by name.
         restricted: a node's own `host_path` is already refused.
     """
-    if node.placement.node_selector or is_placed(node.patch):
+    patched = any(pod_of(node.patch).get(k) for k in ("nodeName", "nodeSelector", "affinity"))
+    if node.placement.node_selector or patched:
         return
     for index, mount in enumerate(map(mount_of, node.volumes)):
         own = None if restricted else mount.host_path
@@ -236,12 +233,6 @@ def check_machine_data(
             " host_path"
         )
         yield Problem(("volumes", index), message, "any-machine", severity="warning")
-
-
-def is_placed(patch: Mapping[str, Any]) -> bool:
-    """Return whether a user's own part of a Deployment chooses its machine."""
-    spec = pod_of(patch)
-    return any(spec.get(key) for key in ("nodeName", "nodeSelector", "affinity"))
 
 
 def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:

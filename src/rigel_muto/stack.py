@@ -81,6 +81,8 @@ def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = Fals
         if key not in known and not is_empty(value):
             remarks.append(loss(value, describe_unknown(key, "a stack", known)))
     names = (name_at(place.value, "stackId"), *ids)
+    lifecycles = (node.value.get("lifecycle") for node in found["node"])
+    transitions = (one is not None and not is_empty(one) for one in lifecycles)
     return Stack(
         ids=tuple(dict.fromkeys(filter(None, names))),
         name=name_at(place.value, "name"),
@@ -91,13 +93,8 @@ def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = Fals
         containers=found["composable"],
         references=found["stack"],
         remarks=tuple(remarks),
-        ros2=ros2 or bool(found["composable"]) or any(map(has_lifecycle, found["node"])),
+        ros2=ros2 or bool(found["composable"]) or any(transitions),  # only ROS 2 has them
     )
-
-
-def has_lifecycle(node: YamlNode) -> bool:
-    """Return whether a node has transitions, which exist only in ROS 2."""
-    return "lifecycle" in node.value and not is_empty(node.value["lifecycle"])
 
 
 def _list_entries(

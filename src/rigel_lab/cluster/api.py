@@ -48,29 +48,25 @@ def wait_until_ready(layout: Layout, seconds: float = 90) -> None:
         time.sleep(0.1)
 
 
-def admin(layout: Layout) -> Path:
-    """Return the administrator's kubeconfig."""
-    return layout.kubeconfig("admin", "kubernetes-admin", "system:masters")
+def admin(layout: Layout) -> tuple[Path, Path]:
+    """Return the administrator's certificate and key."""
+    return layout.authority().issue("admin", "kubernetes-admin", organization="system:masters")
 
 
 def access(layout: Layout, context: str, server: str | None = None) -> dict[str, Any]:
     """Return a kubeconfig of the administrator, with the keys inside."""
-    admin(layout)
-    ca = layout.authority()
-    keys = ca.directory / "admin.crt", ca.directory / "admin.key"
-    return kubeconfig.entries(context, server or layout.server, ca.certificate, *keys)
+    authority = layout.authority().certificate
+    return kubeconfig.entries(context, server or layout.server, authority, *admin(layout))
 
 
 def connect(layout: Layout) -> Cluster:
     """Return a client of the API server, as administrator."""
-    admin(layout)
-    ca = layout.authority()
-    certificate, key = ca.directory / "admin.crt", ca.directory / "admin.key"
+    certificate, key = admin(layout)
     credentials = Credentials(certificate.read_text(), key.read_text())
     target = Target(
         layout.server,
         f"rigel-{layout.name}",
-        authority=ca.certificate.read_text(),
+        authority=layout.authority().certificate.read_text(),
         credentials=lambda: credentials,
     )
     return Cluster(target)

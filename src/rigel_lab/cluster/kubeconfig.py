@@ -70,7 +70,10 @@ def load(path: Path) -> dict[str, Any]:
         raise UserError(
             f"{path}: {error.strerror}", hint="name another file with KUBECONFIG"
         ) from error
-    if not isinstance(content or {}, dict) or not all(map(is_section, sections(content or {}))):
+    if not isinstance(content or {}, dict) or not all(
+        isinstance(items, list) and all(isinstance(item, dict) for item in items)
+        for items in sections(content or {})
+    ):
         raise UserError(f"{path} is not a kubeconfig", hint="correct or move it first")
     return content or {}
 
@@ -78,11 +81,6 @@ def load(path: Path) -> dict[str, Any]:
 def sections(content: Mapping[str, Any]) -> list[Any]:
     """Return the three lists of a kubeconfig."""
     return [content.get(section) or [] for section in SECTIONS]
-
-
-def is_section(items: Any) -> bool:
-    """Return whether something is a list of named entries."""
-    return isinstance(items, list) and all(isinstance(item, dict) for item in items)
 
 
 def merge(path: Path, context: str, new: Mapping[str, Any]) -> str | None:

@@ -76,7 +76,7 @@ class Layout:
         return Authority(self.pki)
 
     def kubeconfig(self, user: str, common_name: str, organization: str | None = None) -> Path:
-        """Write (once) and return the kubeconfig of a component or an administrator."""
+        """Write (once) and return the kubeconfig of a component."""
         path = self.directory / "kubeconfigs" / f"{user}.yaml"
         if not path.exists():
             ca = self.authority()

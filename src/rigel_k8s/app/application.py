@@ -1,17 +1,27 @@
-"""The one application of src.plugin's keys as a node: a Deployment of the release's name."""
+"""What src.plugin's Rigelfiles have: one application, and jobs that describe a part of a release.
+
+The application is a node: a Deployment of the release's name. update_k8s describes only a part.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from rigel_k8s.app.options import Distributed, NodeOptions, OrchestrationOptions
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podoptions import Placement
 from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
+from rigel_k8s.rigelfile.fields import fields_by_key
 
 APP_CONTAINER = "ros-app"
 #: The label of remote machines, as in src.plugin.
-REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
+REMOTE = {LabelKey("deploymentType"): LabelValue("remote")}
+#: A job with one of these describes a whole release.
+WHOLE = ("nodes", "application_image", "deploy_ros_master")
+#: Options whose parts belong together: a mix of an old and a new one would be invalid.
+AS_ONE = ("readiness", "rolling_update", "results")
 
 
 def has_application(options: OrchestrationOptions) -> bool:
@@ -21,15 +31,14 @@ def has_application(options: OrchestrationOptions) -> bool:
 
 def application_options(options: OrchestrationOptions) -> NodeOptions:
     """Return the application's keys as those of a node, which runs the image's CMD."""
-    labels = remote_selector(options.distributed)
+    far = options.distributed
+    remote = far.enabled and far.default_to_remote and not far.force_local_flag
     return NodeOptions(
         image=options.application_image,
         readiness=options.readiness,
         update=options.rolling_update,
         volumes=[volume.name for volume in options.persistent_storage.volumes],
-        placement=Placement(
-            labels={LabelKey(key): LabelValue(value) for key, value in labels.items()}
-        ),
+        placement=Placement(labels=REMOTE if remote else {}),
         patch=options.additional_k8s_params.application,
     )
 
@@ -40,7 +49,23 @@ def replaces_container(options: OrchestrationOptions) -> bool:
     return bool(names) and APP_CONTAINER not in names and options.application_image is None
 
 
-def remote_selector(distributed: Distributed) -> dict[str, str]:
-    """Return the labels of the application's machine."""
-    remote = distributed.enabled and distributed.default_to_remote
-    return dict(REMOTE) if remote and not distributed.force_local_flag else {}
+def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a job's `with` without src.plugin's extra level, as plain data."""
+    result: dict[str, Any] = simplify(raw)
+    nested = result.pop(OrchestrationOptions.nested_under, None)
+    return {**(nested or {}), **result}
+
+
+def is_partial(raw: Mapping[str, Any]) -> bool:
+    """Return whether a job describes only how a release differs from its last revision."""
+    keys = flat(raw).keys()
+    added = keys - fields_by_key(OrchestrationOptions).keys()  # they stand for nodes
+    return not added and keys.isdisjoint(WHOLE)
+
+
+def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a release's last revision with a partial job's merged in."""
+    part = flat(raw)
+    kept = {key: v for key, v in flat(previous).items() if key not in AS_ONE or key not in part}
+    result: dict[str, Any] = merge(kept, part)
+    return result

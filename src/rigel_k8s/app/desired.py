@@ -7,8 +7,8 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.app.application import flat
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.partial import flat
 from rigel_k8s.app.parts import Parts
 from rigel_k8s.app.security import restrict
 from rigel_k8s.generation import Generation, Texts, generation_of

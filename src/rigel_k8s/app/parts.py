@@ -11,7 +11,6 @@ from rigel_k8s.app.application import (
     APP_CONTAINER,
     application_options,
     has_application,
-    remote_selector,
     replaces_container,
 )
 from rigel_k8s.app.networkpolicy import policy_objects
@@ -152,7 +151,7 @@ class Parts:
         options = self.options
         chosen = [node.placement.node_selector for node in options.nodes.values()]
         if has_application(options):
-            chosen.append(remote_selector(options.distributed))
+            chosen.append(application_options(options).placement.node_selector)
         if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):
             return {}
         asked = next(iter(options.nodes.values())).tolerations if options.nodes else []

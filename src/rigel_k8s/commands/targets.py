@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.application import is_partial
 from rigel_k8s.app.deploying.target import release_key
-from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.partial import flat, is_partial, overlay
+from rigel_k8s.app.application import flat, is_partial, overlay
 from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.scalars import Port, Quantity
 

@@ -68,7 +68,7 @@ def check_parameter_files(
 def _read_each(
     options: OrchestrationOptions, directory: Path, home: Path
 ) -> Iterator[tuple[OptionPath, str, str | UserError]]:
-    """Yield (path of the option, path as written, text or why there is none) at each use."""
+    """Yield (path of the option, path as written, text or error) at each use."""
     found: dict[str, str | UserError] = {}
     total = 0
     for path, name in _list_uses(options):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from rigel_inpod import scripts
+from rigel_k8s.app.application import flat, is_partial, overlay
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.images import (
     Images,
@@ -24,7 +25,6 @@ from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.app.parts import has_workloads
 from rigel_k8s.errors import UserError
 from rigel_k8s.generation import Texts, generation_of

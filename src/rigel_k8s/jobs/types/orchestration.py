@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from rigel_k8s.app.application import flat, is_partial
 from rigel_k8s.app.deploying.target import release_key, release_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.partial import flat, is_partial
 from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext

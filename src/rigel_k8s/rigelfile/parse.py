@@ -56,19 +56,15 @@ def find_excess(text: str) -> Finding | None:
                 depth += 1
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
-            if depth > DEEPEST:
-                message = f"values are nested more than {DEEPEST} deep"
-                return Finding(_event_span(event), message, "yaml")
-            if values > 2 * MOST_VALUES:
-                return Finding(_event_span(event), TOO_MANY, "yaml")
+            if depth > DEEPEST or values > 2 * MOST_VALUES:
+                too_deep = f"values are nested more than {DEEPEST} deep"
+                message = too_deep if depth > DEEPEST else TOO_MANY
+                start: Any = event.start_mark
+                end: Any = event.end_mark or start
+                return Finding(_span(start, end), message, "yaml")
     except yaml.YAMLError:  # reported when it is parsed
         pass
     return None
-
-
-def _event_span(event: yaml.Event) -> Span:
-    start: Any = event.start_mark
-    return _span(start, event.end_mark or start)  # type: ignore[arg-type]
 
 
 def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:

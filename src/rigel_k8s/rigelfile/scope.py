@@ -109,7 +109,11 @@ class Scope:
 
     def fill(self, node: YamlNode) -> YamlNode:
         """Return a rendered node with its holes filled, as far as the data is known."""
-        return self._walk(node, self._fill_text)
+
+        def fill_text(node: YamlNode) -> YamlNode:
+            return self._render_text(attrs.evolve(node, hole=False)) if node.hole else node
+
+        return self._walk(node, fill_text)
 
     def render_variables(self) -> dict[str, YamlNode]:
         """Return all vars, rendered."""
@@ -118,9 +122,6 @@ class Scope:
     def _render_text(self, node: YamlNode) -> YamlNode:
         templated = isinstance(node.value, str) and has_template(node.value)
         return self._text(node) if templated else node
-
-    def _fill_text(self, node: YamlNode) -> YamlNode:
-        return self._render_text(attrs.evolve(node, hole=False)) if node.hole else node
 
     def _walk(self, node: YamlNode, text: Callable[[YamlNode], YamlNode]) -> YamlNode:
         if node.source is not None:
@@ -214,7 +215,7 @@ class Scope:
     def _look_up(self, node: YamlNode, header: str, name: str) -> YamlNode | None:
         if header == "data":
             try:
-                value = _walk(self._data, name)
+                value = _find_data(self._data, name)
             except LookupError:
                 return None
             return attrs.evolve(
@@ -312,7 +313,7 @@ class Scope:
 _NOWHERE = Span(0, 0, 0, 0)
 
 
-def _walk(data: Mapping[str, Any], name: str) -> Any:
+def _find_data(data: Mapping[str, Any], name: str) -> Any:
     """Return `a.b`, or the value of `b` in the mapping `a`."""
     if name in data:
         return data[name]

@@ -108,61 +108,48 @@ def print_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=2, default=str))
 
 
-def offer_names(
-    ctx: click.Context, incomplete: str, find: Callable[[Settings], Sequence[str]]
-) -> list[str]:
-    """Return the names with a prefix, for a shell's completion, which must not fail."""
-    from rigel_k8s.errors import RigelK8sError
+def make_completion(
+    module: str, find: Callable[[Any, Settings, click.Context], Sequence[str]]
+) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return a shell's completion of names, which must not fail.
 
-    file = ctx.find_root().params.get("rigelfile") or "Rigelfile"
-    try:
-        return [n for n in find(Settings(rigelfile=Path(file))) if n.startswith(incomplete)]
-    except RigelK8sError:
-        return []
+    Args:
+        module: of commands/, imported when it is needed.
+        find: takes the module, the settings, and the context of the words before.
+    """
 
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+        from importlib import import_module
 
-def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's orchestration jobs."""
-    from rigel_k8s.commands import targets
+        from rigel_k8s.errors import RigelK8sError
 
-    return offer_names(ctx, incomplete, targets.names)
+        known = Settings(rigelfile=Path(ctx.find_root().params.get("rigelfile") or "Rigelfile"))
+        try:
+            names = find(import_module(f"rigel_k8s.commands.{module}"), known, ctx)
+        except RigelK8sError:
+            return []
+        return [name for name in names if name.startswith(incomplete)]
 
-
-def complete_release(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's jobs that have a release."""
-    from rigel_k8s.commands import targets
-
-    return offer_names(ctx, incomplete, lambda s: targets.names(s, "release"))
+    return complete
 
 
-def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the nodes of the release."""
-    from rigel_k8s.commands import targets
-
-    return offer_names(ctx, incomplete, lambda s: targets.node_names(s, ctx.params.get("job")))
-
-
-def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+def list_runnable(rigelfiles: Any, settings: Settings, ctx: click.Context) -> list[str]:
     """Return the Rigelfile's jobs and sequences, or those of the kind before."""
-    from rigel_k8s.commands import rigelfiles
-
     words = ctx.params.get("words") or ()
-    kinds: list[Any] = list(words[:1]) or ["job", "sequence"]
-    return offer_names(
-        ctx,
-        incomplete,
-        lambda s: [
-            *([] if words else kinds),
-            *(name for kind in kinds for name in rigelfiles.list_runnable(s, kind)),
-        ],
-    )
+    kinds = list(words[:1]) or ["job", "sequence"]
+    names = [name for kind in kinds for name in rigelfiles.list_runnable(settings, kind)]
+    return names if words else [*kinds, *names]
 
 
-def complete_sequence(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's sequences."""
-    from rigel_k8s.commands import rigelfiles
-
-    return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, "sequence"))
+complete_job = make_completion("targets", lambda targets, s, _: targets.names(s))
+complete_release = make_completion("targets", lambda targets, s, _: targets.names(s, "release"))
+complete_node = make_completion(
+    "targets", lambda targets, s, ctx: targets.node_names(s, ctx.params.get("job"))
+)
+complete_runnable = make_completion("rigelfiles", list_runnable)
+complete_sequence = make_completion(
+    "rigelfiles", lambda rigelfiles, s, _: rigelfiles.list_runnable(s, "sequence")
+)
 
 
 def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | None) -> None:

@@ -305,7 +305,7 @@ def find_without_rigelfile(settings: Settings, name: str | None, *, named: bool)
     """Return the release with a name, or the only one of the namespace.
 
     Raises:
-        UserError: there is none, or several; or it must be named.
+        UserError: none exists, or several do; or it must be named.
     """
     missing = f"{settings.rigelfile} does not exist, and no release is named"
     if name is None and named:

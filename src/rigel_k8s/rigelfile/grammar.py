@@ -85,7 +85,7 @@ def used_name(use: YamlNode) -> str | None:
 
 
 def _find(node: YamlNode, key: str) -> Any:
-    """Return the value of a key, None if there is none."""
+    """Return the value of a key, None without it."""
     child = node.value.get(key) if isinstance(node.value, dict) else None
     return child and child.value
 

@@ -1,6 +1,6 @@
 """What pages show of a release, from what its watches have seen; pure.
 
-It remembers what a single look does not tell: which nodes have crashed lately, whether a Lease is
+It remembers what a single look does not show: which nodes have crashed lately, whether a Lease is
 still renewed, and on which machine a node was before its pod was replaced.
 """
 

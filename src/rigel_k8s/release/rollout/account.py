@@ -22,7 +22,7 @@ LOGGED = ("crash", "restarted", "failed")  # causes of which the container's log
 
 @attrs.define
 class Account:
-    """What the user is told of a run's roll-out.
+    """What a run reports of its roll-out.
 
     Attributes:
         good: the revision before, which became ready; 0 for none.

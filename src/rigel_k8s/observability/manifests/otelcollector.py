@@ -68,7 +68,9 @@ def _operators() -> Iterator[Object]:
     # The lines of a file are those of both streams, and only lines of one continue each other.
     stream = 'attributes["log.file.path"] + attributes["log.iostream"]'
     yield {"type": "add", "field": "attributes.stream", "value": f"EXPR({stream})"}
-    goes_on = " or ".join(matches(form) for form in (r"^(?:\s|$)", lines.GOES_ON))
+    goes_on = " or ".join(
+        f"body matches {escape(json.dumps(form))}" for form in (r"^(?:\s|$)", lines.GOES_ON)
+    )
     yield {
         "type": "recombine",
         "combine_field": "body",
@@ -89,11 +91,6 @@ def _operators() -> Iterator[Object]:
         "field": "resource.level",
         "value": f"EXPR({level})",
     }
-
-
-def matches(form: str) -> str:
-    """Return an expression that is true for a body of this form."""
-    return f"body matches {escape(json.dumps(form))}"
 
 
 def escape(text: str) -> str:

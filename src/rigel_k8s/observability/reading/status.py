@@ -134,15 +134,13 @@ def alerts(stack: InstalledStack) -> tuple[Alert, ...]:
         found = data(stack.part(PROMETHEUS), "api/v1/alerts")["alerts"]
     except (ClusterError, NoStack):
         return ()
-    return tuple(alert_of(one) for one in found if one["state"] == "firing")
-
-
-def alert_of(one: Mapping[str, Any]) -> Alert:
-    """Return an alert from Prometheus' answer."""
-    labels = dict(one["labels"])
-    notes = one.get("annotations", {})
-    summary = notes.get("summary") or notes.get("description") or ""
-    return Alert(labels.pop("alertname"), labels, one["activeAt"], summary)
+    firing = []
+    for one in found:
+        if one["state"] == "firing":
+            labels, notes = dict(one["labels"]), one.get("annotations", {})
+            summary = notes.get("summary") or notes.get("description") or ""
+            firing.append(Alert(labels.pop("alertname"), labels, one["activeAt"], summary))
+    return tuple(firing)
 
 
 def data(part: StackService, path: str, **query: str) -> Any:

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 import pytest
 
 from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
+from rigel_k8s.commands import top
 from rigel_k8s.commands.pods import Pod
+from rigel_k8s.commands.targets import Release
 from rigel_k8s.commands.top import (
     TOPICS,
     Top,
@@ -18,8 +20,16 @@ from rigel_k8s.commands.top import (
     read_summary,
     topics_of,
 )
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube import ObjectRef
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.settings import Settings
+from tests.support.fake_cluster import FakeCluster
+from tests.support.manifests import RELEASE, desired, workload
+from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 SUMMARY = {
     "pods": [
@@ -56,6 +66,36 @@ def test_a_query_leaves_out_what_is_no_number() -> None:
 
     assert PrometheusClient(ask).query("x") == [Sample({"topic": "/scan"}, 0.5)]
     assert matchers(application='a"b') == 'application="a\\"b"'
+
+
+def test_usage_comes_from_the_kubelets_without_a_metrics_server(
+    fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And without a stack nothing is known of ROS; a cluster without both says why."""
+    deploy(desired(workload()), fake, report=report)
+    (name,) = (item["metadata"]["name"] for item in fake.list("v1", "Pod", "n"))
+    ref = {"podRef": {"name": name, "namespace": "n"}}
+    asked: list[str] = []
+
+    def ask(self: FakeCluster, node: ObjectRef, path: str, **_: object) -> str:
+        asked.append(f"{node.name} {path}")
+        return json.dumps({"pods": [{**SUMMARY["pods"][0], **ref}]})
+
+    monkeypatch.setattr(FakeCluster, "get_through_proxy", ask, raising=False)
+    monkeypatch.setattr(top, "release", lambda *_: Release(fake, RELEASE))  # type: ignore[arg-type]
+    found = top.top(Settings(), [])
+    assert (found.source, [row.pod for row in found.rows]) == ("kubelet", [name])
+    assert (found.rows[0].cpu, found.rows[0].up) == (0.006264841, None)
+    assert asked == ["node1 stats/summary"]
+
+    def refuse(*_: object, **__: object) -> None:
+        raise Forbidden("no")
+
+    monkeypatch.setattr(FakeCluster, "get_through_proxy", refuse)
+    with pytest.raises(ClusterError, match="no source has the usage") as caught:
+        top.top(Settings(), [])
+    assert any("no metrics-server" in line for line in caught.value.details)
+    assert "you may not ask the kubelets" in caught.value.details
 
 
 def pod(workload: str, ros_name: str) -> Pod:

@@ -238,38 +238,26 @@ class Participant:
             if guid[12:] == rtps.SPDP_WRITER:
                 self._take_announcement(guid[:12], change, "", now)
             elif guid[12:] == discovery.PUBLICATIONS_WRITER:
-                self._take_writer(change)
+                self._take_endpoint(change, self.writers)
             elif guid[12:] == discovery.SUBSCRIPTIONS_WRITER:
-                self._take_reader(change)
+                self._take_endpoint(change, self.readers)
             elif not change.status:
                 try:
                     self.peers[guid[:12]].nodes = messages.nodes(change.payload)
                 except messages.Unreadable as cause:
                     raise rtps.Malformed(str(cause)) from cause
 
-    def _take_reader(self, change: Change) -> None:
+    def _take_endpoint(self, change: Change, endpoints: dict[bytes, Endpoint]) -> None:
         if change.status:
-            self.readers.pop(_guid(change), None)
-        elif len(self.readers) < _MOST_ENDPOINTS:
+            endpoints.pop(_guid(change), None)
+            self._sources.pop(_guid(change), None)
+        elif len(endpoints) < _MOST_ENDPOINTS:
             found = discovery.endpoint(change.payload)
-            self.readers[found.guid] = found
-            self._note_endpoint(found)
-
-    def _take_writer(self, change: Change) -> None:
-        if change.status:
-            guid = _guid(change)
-            self.writers.pop(guid, None)
-            self._sources.pop(guid, None)
-        elif len(self.writers) < _MOST_ENDPOINTS:
-            found = discovery.endpoint(change.payload)
-            self.writers[found.guid] = found
-            self._note_endpoint(found)
-            self._match(found)
-
-    def _note_endpoint(self, found: Endpoint) -> None:
-        peer = self.peers.get(found.guid[:12])
-        if peer:
-            peer.has_endpoints = True
+            endpoints[found.guid] = found
+            if peer := self.peers.get(found.guid[:12]):
+                peer.has_endpoints = True
+            if endpoints is self.writers:
+                self._match(found)
 
     # What we subscribe to
 

@@ -26,16 +26,8 @@ SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
 _RELAYED = 6  # leases after which we forget a participant that the server should have forgotten
 _BACKUP = (("PARTICIPANT_TYPE", "BACKUP"),)
 _BUILT_IN = (
-    (
-        discovery.HAS_PUBLICATIONS,
-        discovery.PUBLICATIONS_WRITER,
-        discovery.PUBLICATIONS_READER,
-    ),
-    (
-        discovery.HAS_SUBSCRIPTIONS,
-        discovery.SUBSCRIPTIONS_WRITER,
-        discovery.SUBSCRIPTIONS_READER,
-    ),
+    (discovery.HAS_PUBLICATIONS, discovery.PUBLICATIONS_WRITER, discovery.PUBLICATIONS_READER),
+    (discovery.HAS_SUBSCRIPTIONS, discovery.SUBSCRIPTIONS_WRITER, discovery.SUBSCRIPTIONS_READER),
 )
 
 PING = 2.0  # seconds of silence after which it is sent a heartbeat

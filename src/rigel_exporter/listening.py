@@ -33,16 +33,12 @@ class Listening:
         """Subscribe to the topics of the configuration, and to nothing else."""
         self._half = half
         self._named = frozenset(config.topics)
-        asked = {_DIAGNOSTICS: config.diagnostics, _CLOCK: config.clock, _TF: config.tf}
-        self._read: dict[str, Callable[[bytes, float], None]] = {
-            topic: reader
-            for topic, reader in (
-                (_DIAGNOSTICS, self._statuses),
-                (_CLOCK, self._time),
-                (_TF, self._take_transforms),
-            )
-            if asked[topic]
+        readers: dict[str, tuple[bool, Callable[[bytes, float], None]]] = {
+            _DIAGNOSTICS: (config.diagnostics, self._statuses),
+            _CLOCK: (config.clock, self._time),
+            _TF: (config.tf, self._take_transforms),
         }
+        self._read = {topic: read for topic, (asked, read) in readers.items() if asked}
         wanted = dict.fromkeys([*config.topics, *self._read])
         self._subscribers: dict[str, Subscription] = {
             topic: half.subscribe(topic, keep=_KEPT[topic] if topic in self._read else 0)

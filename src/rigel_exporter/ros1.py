@@ -136,13 +136,10 @@ class Ros1:
         self, names: Sequence[str], replies: Mapping[str, Replies], views: Sequence[View]
     ) -> list[Node]:
         """Return the registered nodes, and the orphans: alive, but not registered."""
-        orphans = [name for name in self._places if name not in names]
+        orphans = [name for name in self._places if name in replies and name not in names]
         return [
-            self._node(name, replies.get(name) or Replies(), views, known=True) for name in names
-        ] + [
-            self._node(name, replies[name], views, known=False)
-            for name in orphans
-            if name in replies
+            self._node(name, replies.get(name) or Replies(), views, known=name in names)
+            for name in [*names, *orphans]
         ]
 
     def _node(self, name: str, replies: Replies, views: Sequence[View], *, known: bool) -> Node:

@@ -13,9 +13,7 @@ import os
 PROC = "/proc"
 GONE = (0, 0)
 ESTABLISHED, LISTEN = "01", "0A"  # states of a socket in /proc/net/tcp
-EXEC_MARK = (
-    b"RIGEL_K8S_EXEC=1"  # rc.sh sets it, so that a tool left in the background is recognized
-)
+EXEC_MARK = b"RIGEL_K8S_EXEC=1"  # rc.sh sets it: it marks a tool left in the background
 
 
 class Listeners(object):

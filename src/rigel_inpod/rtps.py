@@ -27,12 +27,8 @@ VENDORS = {
 }
 UDP4 = 1  # a locator's kind
 
-INFO_TS, INFO_DST, DATA, BEACON = (
-    0x09,
-    0x0E,
-    0x15,
-    0xE5,
-)  # from 0x80 on a submessage is a vendor's own
+INFO_TS, INFO_DST, DATA = 0x09, 0x0E, 0x15
+BEACON = 0xE5  # from 0x80 on a submessage is a vendor's own
 LITTLE, INLINE, WITH_DATA, WITH_KEY = 0x01, 0x02, 0x04, 0x08
 
 PID_KEY_HASH, PID_STATUS, PID_SENTINEL = 0x0070, 0x0071, 0x0001

@@ -30,6 +30,8 @@ from rigel_gate.registry import (
 )
 from rigel_gate.state import State
 
+#: Virtual seconds that a test may take.
+LONGEST = 3600.0
 #: How topics of bonds end.
 BOND_TOPIC = "/bond"
 
@@ -48,12 +50,12 @@ class _Selector(selectors.DefaultSelector):
 
 
 def run(work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Run a coroutine in virtual time."""
+    """Run a coroutine in virtual time; one that never ends fails after LONGEST."""
     selector = _Selector()
     loop = asyncio.SelectorEventLoop(selector)
     loop.time = lambda: selector.now  # type: ignore[method-assign]
     try:
-        loop.run_until_complete(work())
+        loop.run_until_complete(asyncio.wait_for(work(), LONGEST))
     finally:
         pending = asyncio.all_tasks(loop)
         for task in pending:

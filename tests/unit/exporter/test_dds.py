@@ -220,6 +220,15 @@ def test_our_own_are_in_nobodys_count():
     assert seen(two) == Graph(nodes=[], topics=[])
 
 
+def test_a_discovery_server_is_no_node():
+    own, _ = participant()
+    properties = (("PARTICIPANT_TYPE", "SERVER"),)
+    told = Announcement(b"s" * 12, domain=0, meta=(HERE,), properties=properties)
+    play(own, [spdp.announcement(told)])
+    assert own.peers
+    assert seen(own) == Graph(nodes=[], topics=[])
+
+
 def test_broken_packets_never_end_the_loop():
     """Whatever comes is read, or is Malformed, which the loop ignores; nothing else is raised."""
     chance = random.Random(5)

@@ -116,6 +116,29 @@ def test_what_the_master_does_not_know_of_a_node_is_counted(graph: RosGraph, ros
     assert nodes(ros1.look())["/talker"].missing == 2
 
 
+def test_what_a_node_registers_during_a_look_is_not_missing(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The master is asked again before a topic counts as missing."""
+    graph.node("/talker", ["/chatter", "/late"])
+    late, real = graph.master.publishers.pop("/late"), graph.master.getSystemState
+
+    def answer(caller: str) -> list[object]:
+        found = real(caller)
+        graph.master.publishers["/late"] = late
+        return found
+
+    monkeypatch.setattr(graph.master, "getSystemState", answer, raising=False)
+    assert nodes(ros1.look())["/talker"].missing == 0
+
+
+def test_a_node_without_an_address_costs_no_other_its_own(graph: RosGraph, ros1: Ros1) -> None:
+    graph.master.publishers["/a"] = ["/a_ghost"]
+    graph.node("/talker", ["/chatter"])
+    found = nodes(ros1.look())
+    assert (found["/a_ghost"].up, found["/talker"].up) == (False, True)
+
+
 def test_without_a_master_its_nodes_are_asked_still(graph: RosGraph, ros1: Ros1) -> None:
     graph.node("/talker", ["/chatter"])
     ros1.look()

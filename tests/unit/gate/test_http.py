@@ -361,6 +361,30 @@ def test_a_caller_that_waits_for_its_answer_is_not_idle(monkeypatch: pytest.Monk
     run(work())
 
 
+def test_a_last_answer_that_no_one_reads_ends_too(monkeypatch: pytest.MonkeyPatch):
+    """A caller that wants no more calls and does not read keeps no connection."""
+    monkeypatch.setattr(http, "IDLE", 0.1)
+    writers = []
+
+    async def large(call: Call, host: str) -> Answer:
+        return Answer([1, "x" * 2**24, 0])
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writers.append(writer)
+        await Door(large, Counter()).serve(reader, writer)
+
+    async def work() -> None:
+        server = await asyncio.start_server(serve, LOCAL, 0)
+        async with server, caller(server.sockets[0].getsockname()[1]) as (_, writer):
+            writer.write(request(head="Connection: close\r\n"))
+            while not writers or not writers[0].transport.is_closing():
+                await asyncio.sleep(0.01)
+            while writers[0].transport.get_write_buffer_size():
+                await asyncio.sleep(0.01)
+
+    run(work())
+
+
 def test_one_address_has_no_more_than_its_connections(monkeypatch: pytest.MonkeyPatch):
     """And gets others as these end."""
     monkeypatch.setattr(http, "MOST_OF_ONE", 2)

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
 
@@ -142,3 +143,19 @@ def test_the_house_has_a_map():
     """The package's docstring names every file of it, mounted or sent."""
     missing = [name for name in (*scripts(), *LOOK) if name not in (rigel_inpod.__doc__ or "")]
     assert not missing
+
+
+@pytest.mark.programs
+def test_a_shell_gets_the_longest_path_of_workspaces():
+    """A workspace comes on top of its base."""
+    base = ":".join(f"/opt/ros/{number}" for number in range(500))
+    command = ["/bin/sh", "-c", f'. {ROOM}/rc.sh; echo "$AMENT_PREFIX_PATH"']
+    with ExitStack() as cleanup:
+        for path in (f"/ws:{base}", base):
+            sleep = subprocess.Popen(["sleep", "60"], env={"AMENT_PREFIX_PATH": path})
+            cleanup.callback(sleep.wait)
+            cleanup.callback(sleep.kill)
+        done = subprocess.run(
+            command, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"}
+        )
+    assert done.stdout == f"/ws:{base}\n"

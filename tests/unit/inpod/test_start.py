@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -247,6 +247,27 @@ def test_global_parameters_of_a_container_that_cannot_write(
     monkeypatch.setattr(parameters, "STATE", str(tmp_path / "missing/state"))
     with pytest.raises(script("substitution").Failure, match=r"cannot write .*state: No such"):
         parameters.write("set")
+
+
+def test_global_parameters_that_are_no_longer_wanted_are_deleted(
+    script: Callable[[str], ModuleType],
+):
+    """And one that someone has changed stays, as long as the same ones are wanted."""
+    parameters = script("globalparameters")
+    held: dict[str, object] = {}
+    master = SimpleNamespace(
+        hasParam=held.__contains__,
+        getParam=held.__getitem__,
+        setParam=held.__setitem__,
+        deleteParam=held.__delitem__,
+    )
+    old = {"digest": "1", "names": ["/a", "/b"]}
+    assert parameters.set_again(master, "/mark", old, [("/a", 1), ("/b", 2)])
+    held["/a"] = 7
+    assert not parameters.set_again(master, "/mark", old, [("/a", 1), ("/b", 2)])
+    assert held["/a"] == 7
+    assert parameters.set_again(master, "/mark", {"digest": "2", "names": ["/b"]}, [("/b", 3)])
+    assert set(held) == {"/mark", "/b"}
 
 
 def test_it_becomes_the_program(start: Run):

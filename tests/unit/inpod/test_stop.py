@@ -40,7 +40,11 @@ def told(number, frame):
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, told)
 nodes = [
-    subprocess.Popen([sys.executable, "-S", "-c", node, name], stdout=subprocess.PIPE, text=True)
+    subprocess.Popen(
+        [sys.executable, name, name] if "/" in name else [sys.executable, "-S", "-c", node, name],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     for name in names
 ]
 assert all(one.stdout.readline() == "up\\n" for one in nodes)
@@ -101,6 +105,15 @@ def test_nodes_get_sigint_and_process_1_gets_it_after_them(stopped: Callable[...
 
 def test_what_does_not_end_gets_sigterm_after_half_the_time(stopped: Callable[..., list[str]]):
     assert stopped("deaf", seconds=2) == ["deaf SIGINT", "deaf SIGTERM", "first SIGINT"]
+
+
+def test_a_roscore_outlives_the_nodes(stopped: Callable[..., list[str]], tmp_path: Path):
+    """They unregister there; it is signalled when they have had their time."""
+    roscore = tmp_path / "roscore"
+    roscore.write_text(NODE)
+    *nodes, last = stopped("one", str(roscore), seconds=4)
+    assert nodes == ["one SIGINT", "first SIGINT"]
+    assert last.startswith(f"{roscore} SIG")
 
 
 #: In place of ready.sh: notes how it was called and that the container's node still runs.

@@ -12,11 +12,14 @@ import attrs
 
 from rigel_k8s.kube.answers import read_version
 from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.execution import Execution
+from rigel_k8s.kube.forwarding import Forwarding
 from rigel_k8s.kube.pods import Pods
 from rigel_k8s.kube.resending import Endurance
 from rigel_k8s.kube.resources import with_query
 from rigel_k8s.kube.store import Store
 from rigel_k8s.kube.target import Target
+from rigel_k8s.kube.watching import Watching
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.system import threads
 
@@ -24,7 +27,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Cluster(Store, Pods):
+class Cluster(Store, Watching, Pods, Execution, Forwarding):
     """A cluster and our user there; safe to use from several threads."""
 
     def __init__(self, target: Target):

@@ -38,64 +38,75 @@ class ExecResult:
     stderr: bytes
 
 
-def run(
-    client: Client,
-    namespace: str,
-    pod: str,
-    command: Sequence[str],
-    *,
-    container: str | None,
-    stdin: bytes | None,
-    timeout: float,
-) -> ExecResult:
-    """Run a command and return its output; see Cluster.run."""
-    session = open_session(
-        client, namespace, pod, command, container=container, stdin=stdin is not None, tty=False
-    )
-    deadline = time.monotonic() + timeout
-    stdout, stderr = BytesIO(), BytesIO()
-    with session:
-        if stdin is not None:
-            for start in range(0, len(stdin), BLOCK):
-                session.send(STDIN, stdin[start : start + BLOCK])
-            end_of_input(session)
-        result = receive(session, stdout, stderr, deadline)
-    if result is None and time.monotonic() >= deadline:
-        raise ClusterError(
-            f"{command[0]} in Pod {namespace}/{pod} did not end within {timeout:g} s",
-            details=(stderr.getvalue() or stdout.getvalue())
-            .decode("utf-8", "replace")
-            .splitlines(),
+class Execution:
+    """Commands in the containers of a cluster's pods."""
+
+    client: Client
+
+    def run(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        container: str | None = None,
+        stdin: bytes | None = None,
+        timeout: float = 60.0,
+    ) -> ExecResult:
+        """Run a command in a container and return its output and exit code.
+
+        Raises:
+            ClusterError: it did not end within `timeout` seconds.
+        """
+        session = open_session(
+            self.client, namespace, pod, command, container, stdin=stdin is not None, tty=False
         )
-    code = exit_code(result, namespace, pod)
-    return ExecResult(code, stdout.getvalue(), stderr.getvalue())
+        deadline = time.monotonic() + timeout
+        stdout, stderr = BytesIO(), BytesIO()
+        with session:
+            if stdin is not None:
+                for start in range(0, len(stdin), BLOCK):
+                    session.send(STDIN, stdin[start : start + BLOCK])
+                end_of_input(session)
+            result = receive(session, stdout, stderr, deadline)
+        if result is None and time.monotonic() >= deadline:
+            said = (stderr.getvalue() or stdout.getvalue()).decode("utf-8", "replace")
+            raise ClusterError(
+                f"{command[0]} in Pod {namespace}/{pod} did not end within {timeout:g} s",
+                details=said.splitlines(),
+            )
+        code = exit_code(result, namespace, pod)
+        return ExecResult(code, stdout.getvalue(), stderr.getvalue())
 
+    def exec(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        stdout: BinaryIO,
+        stderr: BinaryIO,
+        stdin: BinaryIO | None = None,
+        container: str | None = None,
+        tty: bool = False,
+    ) -> int:
+        """Run a command in a container on the given streams and return its exit code.
 
-def exec_on(
-    client: Client,
-    namespace: str,
-    pod: str,
-    command: Sequence[str],
-    *,
-    container: str | None,
-    stdin: BinaryIO | None,
-    stdout: BinaryIO,
-    stderr: BinaryIO,
-    tty: bool,
-) -> int:
-    """Run a command on the given streams; see Cluster.exec."""
-    session = open_session(
-        client, namespace, pod, command, container=container, stdin=stdin is not None, tty=tty
-    )
-    terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
-    pumping = threading.Thread(target=pump, args=(stdin, session), daemon=True)
-    with session, terminal or nullcontext():
+        Args:
+            tty: give it a terminal; `stdin` must be one too, and is in raw mode meanwhile.
+        """
+        session = open_session(
+            self.client, namespace, pod, command, container, stdin=stdin is not None, tty=tty
+        )
+        terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
+        pumping = threading.Thread(target=pump, args=(stdin, session), daemon=True)
+        with session, terminal or nullcontext():
+            if stdin is not None:
+                pumping.start()
+            result = receive(session, stdout, stderr, None)
         if stdin is not None:
-            pumping.start()
-        result = receive(session, stdout, stderr, None)
-    if stdin is not None:
-        pumping.join()  # after this no one reads the caller's stream
-    return exit_code(result, namespace, pod)
+            pumping.join()  # after this no one reads the caller's stream
+        return exit_code(result, namespace, pod)
 
 
 def open_session(
@@ -103,8 +114,8 @@ def open_session(
     namespace: str,
     pod: str,
     command: Sequence[str],
-    *,
     container: str | None,
+    *,
     stdin: bool,
     tty: bool,
 ) -> Websocket:

@@ -40,26 +40,35 @@ class Forward:
     denied: Forbidden | None = None
 
 
-@contextmanager
-def port_forward(
-    client: Client, namespace: str, pod: str, ports: Mapping[int, int], *, address: str
-) -> Iterator[Forward]:
-    """Forward a pod's ports; see Cluster.port_forward."""
-    forward = Forward()
-    listeners: list[socket.socket] = []
-    try:
-        for remote, local in ports.items():
-            listener = listening(address, local)
-            listeners.append(listener)
-            forward.ports[remote] = listener.getsockname()[1]
-            work = (client, namespace, pod, remote, listener, forward)
-            threading.Thread(target=serve, args=work, daemon=True).start()
-        yield forward
-    finally:
-        for listener in listeners:
-            with suppress(OSError):
-                listener.shutdown(socket.SHUT_RDWR)  # wakes the thread that accepts
-            listener.close()
+class Forwarding:
+    """Ports of a cluster's pods."""
+
+    client: Client
+
+    @contextmanager
+    def port_forward(
+        self, namespace: str, pod: str, ports: Mapping[int, int], *, address: str = "127.0.0.1"
+    ) -> Iterator[Forward]:
+        """Forward ports of a pod to this machine while the context is open.
+
+        Args:
+            ports: the pod's port to the local one; 0 takes any that is free.
+        """
+        forward = Forward()
+        listeners: list[socket.socket] = []
+        try:
+            for remote, local in ports.items():
+                listener = listening(address, local)
+                listeners.append(listener)
+                forward.ports[remote] = listener.getsockname()[1]
+                work = (self.client, namespace, pod, remote, listener, forward)
+                threading.Thread(target=serve, args=work, daemon=True).start()
+            yield forward
+        finally:
+            for listener in listeners:
+                with suppress(OSError):
+                    listener.shutdown(socket.SHUT_RDWR)  # wakes the thread that accepts
+                listener.close()
 
 
 def listening(address: str, port: int) -> socket.socket:

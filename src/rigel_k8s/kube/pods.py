@@ -1,21 +1,16 @@
-"""What happens inside pods: their logs, commands in them, their ports."""
+"""What the containers of pods have printed, and whether they run."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
-from typing import TYPE_CHECKING, BinaryIO
+from collections.abc import Iterator
+from contextlib import suppress
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.system.threads import aborting
-
-if TYPE_CHECKING:
-    from rigel_k8s.kube.execution import ExecResult
-    from rigel_k8s.kube.forwarding import Forward
 
 ANSWERS = 8  # durations of an answer: how long the end of a log may take
 
@@ -83,67 +78,3 @@ class Pods:
             patience = max(seconds, ANSWERS * (time.monotonic() - started))
             return self.client.transport.goes_on(f"{url}&follow=true", patience)
         return True
-
-    def run(
-        self,
-        namespace: str,
-        pod: str,
-        command: Sequence[str],
-        *,
-        container: str | None = None,
-        stdin: bytes | None = None,
-        timeout: float = 60.0,
-    ) -> ExecResult:
-        """Run a command in a container and return its output and exit code.
-
-        Raises:
-            ClusterError: it did not end within `timeout` seconds.
-        """
-        from rigel_k8s.kube.execution import run
-
-        return run(
-            self.client, namespace, pod, command, container=container, stdin=stdin, timeout=timeout
-        )
-
-    def exec(
-        self,
-        namespace: str,
-        pod: str,
-        command: Sequence[str],
-        *,
-        stdout: BinaryIO,
-        stderr: BinaryIO,
-        stdin: BinaryIO | None = None,
-        container: str | None = None,
-        tty: bool = False,
-    ) -> int:
-        """Run a command in a container on the given streams and return its exit code.
-
-        Args:
-            tty: give it a terminal; `stdin` must be one too, and is in raw mode meanwhile.
-        """
-        from rigel_k8s.kube.execution import exec_on
-
-        return exec_on(
-            self.client,
-            namespace,
-            pod,
-            command,
-            container=container,
-            stdin=stdin,
-            stdout=stdout,
-            stderr=stderr,
-            tty=tty,
-        )
-
-    def port_forward(
-        self, namespace: str, pod: str, ports: Mapping[int, int], *, address: str = "127.0.0.1"
-    ) -> AbstractContextManager[Forward]:
-        """Forward ports of a pod to this machine while the context is open.
-
-        Args:
-            ports: the pod's port to the local one; 0 takes any that is free.
-        """
-        from rigel_k8s.kube.forwarding import port_forward
-
-        return port_forward(self.client, namespace, pod, ports, address=address)

@@ -1,9 +1,8 @@
-"""The objects of a cluster: read, written by server-side apply and other verbs, watched."""
+"""The objects of a cluster: read, written by server-side apply and other verbs."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from rigel_k8s.kube.answers import read_deleted, read_list, read_object, read_review
@@ -11,7 +10,7 @@ from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.kube.resources import path, with_query
-from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+from rigel_k8s.kube.watching import label_selector
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
@@ -201,34 +200,3 @@ class Store:
         except Missing as error:
             return error.doubtful
         return True
-
-    def watch(
-        self,
-        api_version: str,
-        kind: str,
-        namespace: str | None = None,
-        *,
-        labels: str | Mapping[str, str] | None = None,
-        fields: str | None = None,
-        seconds: float = 300.0,
-        cancel: threading.Event | None = None,
-        listed: Callable[[], None] | None = None,
-    ) -> Iterator[WatchEvent]:
-        """Yield what exists (as ADDED) and then what changes.
-
-        Args:
-            seconds: after which the watch ends.
-            cancel: ends the watch soon after it is set.
-            listed: called each time that all that is there has been yielded.
-        """
-        selectors = {"labelSelector": label_selector(labels), "fieldSelector": fields}
-        return watch(
-            self.client,
-            api_version,
-            kind,
-            namespace or "",
-            selectors,
-            seconds=seconds,
-            cancel=cancel,
-            listed=listed,
-        )

@@ -61,53 +61,62 @@ def label_selector(labels: str | Mapping[str, str] | None) -> str:
     return ",".join(f"{key}={value}" for key, value in labels.items())
 
 
-def watch(
-    client: Client,
-    api_version: str,
-    kind: str,
-    namespace: str,
-    selectors: Mapping[str, object],
-    *,
-    seconds: float,
-    cancel: threading.Event | None,
-    listed: Callable[[], None] | None = None,
-) -> Iterator[WatchEvent]:
-    """Yield what exists as ADDED, then every change, until `seconds` are over.
+class Watching:
+    """What changes in a cluster."""
 
-    If the server has forgotten the version that we saw, everything is listed again: what exists is
-    reported as MODIFIED, what was deleted meanwhile as DELETED.
+    client: Client
 
-    Args:
-        listed: called each time that all that is there has been yielded.
+    def watch(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        seconds: float = 300.0,
+        cancel: threading.Event | None = None,
+        listed: Callable[[], None] | None = None,
+    ) -> Iterator[WatchEvent]:
+        """Yield what exists as ADDED, then every change.
 
-    Raises:
-        ClusterError: the first connection fails, or the server refuses.
-    """
-    resource = client.resource(api_version, kind, f"watch {kind}s")
+        If the server has forgotten the version that we saw, everything is listed again: what exists
+        is reported as MODIFIED, what was deleted meanwhile as DELETED.
 
-    def url(**query: object) -> str:
-        return path(api_version, resource, namespace, query={**selectors, **query})
+        Args:
+            seconds: after which the watch ends.
+            cancel: ends the watch soon after it is set.
+            listed: called each time that all that is there has been yielded.
 
-    state = Watched(kind)
-    deadline = time.monotonic() + seconds
-    while not (cancel and cancel.is_set()) and (left := deadline - time.monotonic()) > 0:
-        try:
-            for event in one_life(client, url, state, left, cancel, listed):
-                named = {**event.object, "apiVersion": api_version, "kind": kind}
-                yield attrs.evolve(event, object=named)
-        except Refusal as error:
-            if not state.version or error.status in (401, 403, 404):
-                raise
-            if isinstance(error, Garbled):
-                state.garbled += 1
-                if state.garbled == LIVES:
+        Raises:
+            ClusterError: the first connection fails, or the server refuses.
+        """
+        resource = self.client.resource(api_version, kind, f"watch {kind}s")
+        selectors = {"labelSelector": label_selector(labels), "fieldSelector": fields}
+
+        def url(**query: object) -> str:
+            return path(api_version, resource, namespace or "", query={**selectors, **query})
+
+        state = Watched(kind)
+        deadline = time.monotonic() + seconds
+        while not (cancel and cancel.is_set()) and (left := deadline - time.monotonic()) > 0:
+            try:
+                for event in one_life(self.client, url, state, left, cancel, listed):
+                    named = {**event.object, "apiVersion": api_version, "kind": kind}
+                    yield attrs.evolve(event, object=named)
+            except Refusal as error:
+                if not state.version or error.status in (401, 403, 404):
                     raise
-            if error.status == 410:
-                state.version = ""
-                state.forgotten += 1
-                if state.forgotten == 1:
-                    continue
-        pause(deadline, cancel)
+                if isinstance(error, Garbled):
+                    state.garbled += 1
+                    if state.garbled == LIVES:
+                        raise
+                if error.status == 410:
+                    state.version = ""
+                    state.forgotten += 1
+                    if state.forgotten == 1:
+                        continue
+            pause(deadline, cancel)
 
 
 def one_life(

@@ -8,10 +8,9 @@ run finds in the pending revision all that may be left, and completes it.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
-from typing import Any
 
 import attrs
 
@@ -163,7 +162,9 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
     applier = Applier(run, confirm=lease.confirm, until_ready=until_ready, way_out=way_out)
     try:
         applied = applier.apply(plan)
-        pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))
+        made = {ref: str(live["metadata"]["uid"]) for ref, live in applied.items()}
+        inventory = [InventoryItem(i.ref, made.get(i.ref, i.uid)) for i in pending.inventory]
+        pending = attrs.evolve(pending, inventory=tuple(inventory))
         if run.applied is not None:
             run.applied()
         until_ready(list(applied.values()))
@@ -178,10 +179,10 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
         raise
     kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
     mine = tuple(item for item in pending.inventory if item.ref in kept and item.uid)
-    made = attrs.evolve(pending, status="good", inventory=mine)
-    revisions.update(run.cluster, made)
-    clean_up(run, found, made)
-    return made
+    done = attrs.evolve(pending, status="good", inventory=mine)
+    revisions.update(run.cluster, done)
+    clean_up(run, found, done)
+    return done
 
 
 def new_revision(run: Run, looked: Look) -> Revision:
@@ -204,18 +205,6 @@ def new_revision(run: Run, looked: Look) -> Revision:
         tool_version=__version__,
         back_to=run.back_to,
         by=leases.name_user(),
-    )
-
-
-def with_uids(
-    inventory: Collection[InventoryItem], applied: Mapping[ObjectRef, Mapping[str, Any]]
-) -> tuple[InventoryItem, ...]:
-    """Return an inventory with the UIDs of what was just applied."""
-    return tuple(
-        InventoryItem(item.ref, str(applied[item.ref]["metadata"]["uid"]))
-        if item.ref in applied
-        else item
-        for item in inventory
     )
 
 

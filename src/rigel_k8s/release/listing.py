@@ -15,19 +15,13 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.order import RUNNING
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.revisions import CREATED, DESCRIPTION, NUMBER, OF, STATUS, VERSION
 from rigel_k8s.release.rollout.readiness import readiness
 from rigel_k8s.release.types import ReleaseId
 
 Live = Mapping[str, Any]
-#: The workloads that releases have.
-KINDS = (
-    ("apps/v1", "Deployment"),
-    ("apps/v1", "DaemonSet"),
-    ("apps/v1", "StatefulSet"),
-    ("batch/v1", "Job"),
-)
 
 
 @attrs.frozen
@@ -57,7 +51,7 @@ def list_releases(cluster: Cluster, namespace: str | None) -> list[ReleaseSummar
     """Return the releases of a namespace, or of all namespaces if it is None, by name."""
     queries = [
         partial(cluster.list, "v1", "Secret", namespace, labels=OF, metadata_only=True),
-        *(partial(cluster.list, *kind, namespace, labels=RELEASE_LABEL) for kind in KINDS),
+        *(partial(cluster.list, *kind, namespace, labels=RELEASE_LABEL) for kind in RUNNING),
     ]
     secrets, *workloads = cluster.parallel(lambda query: query(), queries)
     return summarise(secrets, chain.from_iterable(workloads))

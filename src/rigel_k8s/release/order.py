@@ -23,6 +23,13 @@ ORDER = (
 BINDINGS = ("RoleBinding", "ClusterRoleBinding")
 #: Kinds that run pods, and the pod itself.
 WORKLOADS = ("DaemonSet", "StatefulSet", "Deployment", "Job", "CronJob", "Pod")
+#: The kinds of workloads that a release's own objects have, with their API versions.
+RUNNING = (
+    ("apps/v1", "Deployment"),
+    ("apps/v1", "DaemonSet"),
+    ("apps/v1", "StatefulSet"),
+    ("batch/v1", "Job"),
+)
 #: Kinds that hold data: they are deleted only on request. With a definition every object of its
 #: kind is deleted, of all applications.
 PROTECTED = frozenset({"PersistentVolumeClaim", "PersistentVolume", "CustomResourceDefinition"})

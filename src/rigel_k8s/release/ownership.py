@@ -47,17 +47,15 @@ def owns(value: object, fields: Mapping[str, Any]) -> bool:
     if not fields or not isinstance(value, (dict, list)):
         return True
     if isinstance(value, list):
-        return all(owns_item(item, fields) for item in value)
+        return all(
+            any(names_item(step, item) and owns(item, tree) for step, tree in fields.items())
+            for item in value
+        )
     return all(
         f"f:{key}" in fields and owns(part, fields[f"f:{key}"])
         for key, part in value.items()
         if part not in (None, {}, [])
     )
-
-
-def owns_item(item: object, fields: Mapping[str, Any]) -> bool:
-    """Whether a tree of fields contains one item of a list."""
-    return any(names_item(step, item) and owns(item, tree) for step, tree in fields.items())
 
 
 def names_item(step: str, item: object) -> bool:

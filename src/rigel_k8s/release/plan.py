@@ -41,15 +41,14 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
         raise result  # `verdict.check` comes first and explains it
     if live is None or live["metadata"].get("deletionTimestamp"):
         return Step("create", ref, manifest, live, result or manifest)
-    if is_unchanged(manifest, live) if result is None else is_same(live, result):
+    if result is None:
+        unchanged = is_unchanged(manifest, live)
+    else:
+        unchanged = substance(live) == substance(result)
+    if unchanged:
         return Step("keep", ref, manifest, live, live)
     replaces = result is not None and not result["metadata"].get("resourceVersion")
     return Step("change", ref, manifest, live, result, replaces=replaces)
-
-
-def is_same(live: Manifest, result: Manifest) -> bool:
-    """Whether two states of an object agree in everything that was written."""
-    return substance(live) == substance(result)
 
 
 def substance(live: Manifest) -> dict[str, Any]:

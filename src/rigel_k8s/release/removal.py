@@ -18,6 +18,7 @@ from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import CLAIMS, Applier
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
+from rigel_k8s.release.order import RUNNING
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.run import Run
@@ -27,10 +28,7 @@ from rigel_k8s.release.types import DeployOptions, Desired, InventoryItem, Plan,
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.
 KINDS = (
-    ("apps/v1", "Deployment"),
-    ("apps/v1", "DaemonSet"),
-    ("apps/v1", "StatefulSet"),
-    ("batch/v1", "Job"),
+    *RUNNING,
     ("v1", "Service"),
     ("v1", "ConfigMap"),
     ("v1", "Secret"),

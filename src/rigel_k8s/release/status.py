@@ -16,7 +16,7 @@ from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.drift import describe_drift
-from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.order import RUNNING, WORKLOADS
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.rollout.causes import Cause, causes, containers, probe_failure
 from rigel_k8s.release.rollout.readiness import readiness
@@ -32,10 +32,7 @@ UNSEEN = "unseen"
 #: The kind of a pod on a machine that Kubernetes has lost.
 AWAY = "away"
 KINDS = (
-    ("apps/v1", "Deployment"),
-    ("apps/v1", "DaemonSet"),
-    ("apps/v1", "StatefulSet"),
-    ("batch/v1", "Job"),
+    *RUNNING,
     ("apps/v1", "ReplicaSet"),
     ("v1", "PersistentVolumeClaim"),
 )
@@ -218,7 +215,10 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
         state.wanted,
         state.done and state.ok,
         message,
-        tuple(describe_pod(pod, around.list_events(pod)) for pod in sorted(pods, key=newest_first)),
+        tuple(
+            describe_pod(pod, around.list_events(pod))
+            for pod in sorted(pods, key=lambda pod: (is_ending(pod), pod["metadata"]["name"]))
+        ),
         live["metadata"].get("annotations") or {},
         tuple(cause.kind for cause in wrong),
         tuple(describe_drift(live)),
@@ -255,8 +255,3 @@ def explain_unready(pod: Manifest, events: Sequence[Manifest]) -> str:
     """Return why a pod is not ready."""
     found = [cause.message for cause in causes(pod, [pod], events)]
     return "; ".join(filter(None, [*found, probe_failure(pod, events)]))
-
-
-def newest_first(pod: Manifest) -> tuple[int, str]:
-    """Return a key that sorts living pods before ending ones, then by name."""
-    return (1 if pod["metadata"].get("deletionTimestamp") else 0, str(pod["metadata"]["name"]))

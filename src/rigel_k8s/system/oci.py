@@ -266,10 +266,6 @@ def _indexes(image: Image, reference: str) -> list[tuple[str, bytes]]:
     ]
 
 
-def _moment(seconds: int) -> str:
-    return datetime.fromtimestamp(seconds, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
 def _file(name: str, size: int, created: int) -> tarfile.TarInfo:
     info = tarfile.TarInfo(name)
     info.size, info.mtime, info.mode = size, created, 0o644

@@ -101,9 +101,16 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         if (answer := try_pod(cluster, trial)) is not None:
             pods.update(dict.fromkeys(trial.workloads, answer))
 
+    needed = need_for(
+        work.manifests,
+        work.candidates,
+        work.gone,
+        work.desired.release.namespace,
+        create_namespace=work.namespace is None and work.desired.create_namespace,
+    )
     trials = choose_trials(work.in_reach, work.live, work.manifests)
     calls: list[Callable[[], None]] = [
-        lambda: missing.extend(look_for_missing(cluster, list_needed(work), work.desired.release)),
+        lambda: missing.extend(look_for_missing(cluster, needed, work.desired.release)),
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
@@ -144,14 +151,3 @@ def is_new_claim(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
     if manifest["kind"] != "PersistentVolumeClaim":
         return False
     return ref_of(manifest) not in live or replaces(manifest, live)
-
-
-def list_needed(work: Work) -> set[Right]:
-    """Return all rights that the deploy needs."""
-    return need_for(
-        work.manifests,
-        work.candidates,
-        work.gone,
-        work.desired.release.namespace,
-        create_namespace=work.namespace is None and work.desired.create_namespace,
-    )

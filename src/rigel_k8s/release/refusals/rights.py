@@ -15,9 +15,6 @@ from rigel_k8s.release.order import WORKLOADS
 #: What is done with the objects of a release, at each stage.
 LOOK, WAIT, WRITE, PRUNE = "list", "watch", "create patch", "get delete"
 
-#: Kinds that are watched until they are ready.
-WATCHED = (*WORKLOADS, "PersistentVolumeClaim")
-
 #: Kinds that Kubernetes does not have, and that a release may contain: those have no table.
 OTHERS = {
     ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"): Resource(
@@ -67,7 +64,7 @@ def need_for(
     }
     if any(manifest["kind"] in WORKLOADS for manifest in made):
         needed |= {*grant("", "pods", "list watch", namespace)}
-    watched = [manifest for manifest in made if manifest["kind"] in WATCHED]
+    watched = [manifest for manifest in made if manifest["kind"] in WORKLOADS]
     for verbs, objects in ((LOOK, made), (WAIT, watched), (WRITE, changing), (PRUNE, gone)):
         for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:
             needed |= {*need_for_kind(*kind, verbs)}

@@ -114,6 +114,13 @@ def test_durations_in_seconds() -> None:
     assert [scalars.Duration(t).seconds for t in texts] == [30, 5400, 0.5, 125]
 
 
+def test_retentions_in_seconds() -> None:
+    """Years to milliseconds, as Prometheus counts them."""
+    texts = ["1y", "1w2d", "1h30m", "15s", "500ms"]
+    found = [scalars.Retention(text).seconds for text in texts]
+    assert found == [365 * 86_400, 9 * 86_400, 5400, 15, 0.5]
+
+
 def test_shares_are_numbers_or_percentages() -> None:
     """Kubernetes tells an integer from text."""
     assert [scalars.Share(t).value for t in ("1", "25%")] == [1, "25%"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import pytest
@@ -13,8 +13,8 @@ from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import history
-from rigel_k8s.release.lease import PROCESS, is_alive, lease_ref, process
-from rigel_k8s.release.locking import hold
+from rigel_k8s.release.lease import DURATION, PROCESS, is_alive, lease_ref, process
+from rigel_k8s.release.locking import RENEW, Held, hold
 from rigel_k8s.release.types import DeployOptions, Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -431,3 +431,13 @@ def test_an_unchanged_deploy_leaves_the_lease_of_one_that_is_under_way(
     fake.create(manifest("me@here", **{PROCESS: process()}))
     deploy(wanted, fake, report=report)
     assert LEASE in fake.objects
+
+
+def test_a_renewal_is_relied_on_for_less_than_others_wait() -> None:
+    """Who waits takes a Lease after DURATION: a write begins well before that."""
+    held = Held(cast(Any, None), {})
+    assert held.is_sure()
+    held.renewed -= DURATION - 2 * RENEW
+    assert held.is_sure()
+    held.renewed -= RENEW
+    assert not held.is_sure()

@@ -11,7 +11,8 @@ from rigel_k8s.cli.status import status_text
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.status import AWAY, describe_pod, status
+from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.status import AWAY, describe_pod, describe_workload, status
 from tests.support.controllers import Controllers, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload
@@ -38,6 +39,19 @@ def test_the_kind_that_a_probe_names_is_a_value(said: str, kind: str) -> None:
     event = {"reason": "Unhealthy", "message": said, "involvedObject": {"uid": "u"}}
     found = describe_pod(POD, [event])
     assert (found.kind, found.message) == (kind, " ".join(said.split()))
+
+
+def test_living_pods_come_before_those_that_end() -> None:
+    """The pod of the present version is the first line, whatever its name."""
+    owners = [{"controller": True, "uid": "w"}]
+    old, new = (
+        {**POD, "metadata": {"name": name, "uid": name, "ownerReferences": owners}}
+        for name in ("a-old", "b-new")
+    )
+    old["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+    talker = {**workload(), "metadata": {"name": "talker", "uid": "w"}}
+    found = describe_workload(talker, look_around([], [old, new]))
+    assert [pod.name for pod in found.pods] == ["b-new", "a-old"]
 
 
 #: As the node controller leaves them when it has lost a machine.

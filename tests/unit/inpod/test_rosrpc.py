@@ -151,3 +151,24 @@ def test_an_answer_of_many_levels_is_refused(rosrpc: ModuleType) -> None:
     text = "<array><data><value>" * levels + "</value></data></array>" * levels
     with pytest.raises(rosrpc.CallFailed, match="too deep"):
         rosrpc.parse(f"<methodResponse><value>{text}</value></methodResponse>")
+
+
+def test_a_connection_that_the_server_has_closed_is_opened_again(rosrpc: ModuleType) -> None:
+    """rosmaster ends idle ones without a word."""
+    body = xmlrpc.client.dumps(([1, "", "x"],), methodresponse=True).encode()
+    answer = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body) + body
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve() -> None:
+            for _ in range(2):
+                connection, _ = listening.accept()
+                with connection:
+                    connection.recv(65536)
+                    connection.sendall(answer)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        api = rosrpc.Api(f"http://127.0.0.1:{listening.getsockname()[1]}", time.time() + 30)
+        assert [api.call("getPid")[2] for _ in range(2)] == ["x", "x"]
+        thread.join()
+        api.close()

@@ -11,6 +11,7 @@ from typing import Literal
 
 import attrs
 
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus.manifests import STANDARD
 from rigel_k8s.network.preflight.attachments import ON_AN_INTERFACE, Attachment, Range
 from rigel_k8s.network.preflight.case import Case
@@ -227,7 +228,7 @@ def suggest_source(names: Iterable[str]) -> str:
 
 def check_interfaces(case: Case) -> Iterator[Problem]:
     """Yield what is wrong with the interfaces that attachments, or pods themselves, use."""
-    if case.network.mode == "host" and case.network.interface:
+    if mode_of(case.network).in_machine_network and case.network.interface:
         yield from check_presence(
             case.machines(), dict.fromkeys(case.machines(), case.network.interface)
         )

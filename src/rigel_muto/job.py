@@ -67,12 +67,12 @@ class MutoAgentJob:
 
         rigelfile = grammar.load(job.settings.rigelfile, os.environ)
         release = release_of(options, job.settings, cluster)
-        around = ReleaseContext(release.namespace, release.name, "", GENERATIONS["none"])
+        context = ReleaseContext(release.namespace, release.name, "", GENERATIONS["none"])
         rules = make_rules(read_rights(PURPOSES["deployer"], release.namespace))
         text = write_rigelfile(rigelfile, rigelfile.jobs[options.job])
         desired = Desired(
             release,
-            tuple(agent_objects(around, options, text, rules)),
+            tuple(agent_objects(context, options, text, rules)),
             create_namespace=options.namespace == release.namespace,
         )
         return [Part(desired=desired, place=job.place)]

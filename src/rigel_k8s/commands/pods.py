@@ -12,9 +12,9 @@ from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster
 from rigel_k8s.objects.facts import is_ending, is_ready
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.rigelfile import find_nearest
 from rigel_k8s.settings import Settings
 
@@ -85,9 +85,8 @@ def restarts_of(status: dict[str, Any], container: str) -> int:
 
 def release_pods(found: Release) -> list[Pod]:
     """Return all pods of a release."""
-    own = {RELEASE_LABEL: found.id.name}
-    items = found.cluster.list("v1", "Pod", found.id.namespace, labels=own)
-    return sorted((pod_of(item) for item in items), key=lambda p: (p.workload, p.created))
+    pods = (pod_of(item) for item in list_pods(found.cluster, found.id))
+    return sorted(pods, key=lambda pod: (pod.workload, pod.created))
 
 
 def choose_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:

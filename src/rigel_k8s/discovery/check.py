@@ -14,8 +14,8 @@ from rigel_k8s.discovery.looks import LISTEN, look
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.text import plural
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
@@ -47,8 +47,7 @@ def look_briefly(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
 ) -> DiscoveryGraph | None:
     """Return the graph that a look of so many seconds shows."""
-    labels = {RELEASE_LABEL: release.name}
-    found = members(cluster.list("v1", "Pod", release.namespace, labels=labels))
+    found = members(list_pods(cluster, release))
     return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
 
 

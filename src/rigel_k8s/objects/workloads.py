@@ -52,7 +52,7 @@ class ReleaseContext:
 
 
 def deployment(
-    around: ReleaseContext,
+    release: ReleaseContext,
     name: str,
     pod: Mapping[str, Any],
     *,
@@ -67,8 +67,8 @@ def deployment(
     Args:
         own_labels: the user's, on the Deployment and its pods; not in the selector.
     """
-    secrets = [{"name": secret} for secret in around.pull_secrets]
-    both = labels(name, around.release) | dict(own_labels or {})
+    secrets = [{"name": secret} for secret in release.pull_secrets]
+    both = labels(name, release.release) | dict(own_labels or {})
     # The last lines of a crashed container's log are in its pod's status.
     last_words = {"terminationMessagePolicy": "FallbackToLogsOnError"}
     pod = {**pod, "containers": [{**last_words, **one} for one in pod.get("containers", ())]}
@@ -86,29 +86,29 @@ def deployment(
     return {
         "apiVersion": "apps/v1",
         "kind": "Deployment",
-        "metadata": around.metadata(name, annotations) | {"labels": both},
+        "metadata": release.metadata(name, annotations) | {"labels": both},
         "spec": {**spec, "template": template},
     }
 
 
-def service(around: ReleaseContext, name: str, ports: Sequence[Object]) -> Object:
+def service(release: ReleaseContext, name: str, ports: Sequence[Object]) -> Object:
     """Return the Service of a workload's name."""
     return {
         "apiVersion": "v1",
         "kind": "Service",
-        "metadata": around.metadata(name),
+        "metadata": release.metadata(name),
         "spec": {"selector": selector(name), "ports": list(ports)},
     }
 
 
 def config_map(
-    around: ReleaseContext, name: str, data: Mapping[str, str], *, part_of: str
+    release: ReleaseContext, name: str, data: Mapping[str, str], *, part_of: str
 ) -> Object:
     """Return a ConfigMap of texts; its name may be too long for a label."""
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
-        "metadata": around.metadata(name, part_of=part_of),
+        "metadata": release.metadata(name, part_of=part_of),
         "data": dict(data),
     }
 
@@ -118,11 +118,11 @@ def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
     return asked or ("IfNotPresent" if pinned else None)
 
 
-def readiness_of(around: ReleaseContext, asked: Readiness | str | None) -> Readiness | str | None:
+def readiness_of(release: ReleaseContext, asked: Readiness | str | None) -> Readiness | str | None:
     """Return what makes a pod ready; an image without ROS may have no Python for our probes."""
-    return asked or around.ros.readiness
+    return asked or release.ros.readiness
 
 
-def ros_volumes(around: ReleaseContext) -> list[tuple[Object, Object]]:
+def ros_volumes(release: ReleaseContext) -> list[tuple[Object, Object]]:
     """Return (volume, mount) of what is ours in each pod."""
-    return [inpod_volume(around.release), *around.ros.volumes()]
+    return [inpod_volume(release.release), *release.ros.volumes()]

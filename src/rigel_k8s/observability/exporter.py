@@ -61,22 +61,22 @@ def exporter_identity(options: RosMetrics) -> PodIdentity:
 
 
 def exporter_objects(
-    around: ReleaseContext, options: RosMetrics, graph: WatchedGraph, plan: NetworkPlan
+    release: ReleaseContext, options: RosMetrics, graph: WatchedGraph, plan: NetworkPlan
 ) -> Iterator[Object]:
     """Yield the exporter's configuration and its Deployment."""
     wired = wire_pod(plan, exporter_identity(options))
-    if around.ros.dds:
+    if release.ros.dds:
         own = {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
     else:
-        own = find_master(around, wired)
-    config = {"ros": around.ros.name, **describe(options, graph), **own}
+        own = find_master(release, wired)
+    config = {"ros": release.ros.name, **describe(options, graph), **own}
     text = json.dumps(drop_empty(config), indent=2, sort_keys=True)
-    name = f"{around.release}-{EXPORTER}"
-    yield config_map(around, name, {FILE: text + "\n"}, part_of=EXPORTER)
+    name = f"{release.release}-{EXPORTER}"
+    yield config_map(release, name, {FILE: text + "\n"}, part_of=EXPORTER)
     yield deployment(
-        around,
+        release,
         EXPORTER,
-        {**graph.placement, **pod(around, options, wired, name)},
+        {**graph.placement, **pod(release, options, wired, name)},
         strategy={"type": "Recreate"},
         annotations={OPTIONAL_ANNOTATION: "true", **({} if options.image else REMEDY)},
         pod_annotations={
@@ -89,14 +89,14 @@ def exporter_objects(
     )
 
 
-def pod(around: ReleaseContext, options: RosMetrics, wired: Wiring, config: str) -> Object:
+def pod(release: ReleaseContext, options: RosMetrics, wired: Wiring, config: str) -> Object:
     """Return the pod's spec.
 
     Files of init containers are for ROS' own programs: the exporter itself waits for its interface.
     """
     (fields,) = load("programs/ros-exporter.yaml")["pod"]["containers"]
     fields["image"] = EXPORTER_IMAGE
-    if not around.ros.dds:
+    if not release.ros.dds:
         fields = {"env": [{"name": "ROS_IP", **address(wired)}], **fields}
     made = {
         "containers": [container(EXPORTER, options, fields)],
@@ -106,7 +106,7 @@ def pod(around: ReleaseContext, options: RosMetrics, wired: Wiring, config: str)
         "terminationGracePeriodSeconds": 20,
     }
     # ROS 1 nodes on their machines' own networks can be reached from anywhere, multicast cannot.
-    return made | (dict(wired.pod) if around.ros.dds else {})
+    return made | (dict(wired.pod) if release.ros.dds else {})
 
 
 def address(wired: Wiring) -> Object:
@@ -129,10 +129,10 @@ def describe(options: RosMetrics, graph: WatchedGraph) -> Object:
     }
 
 
-def find_master(around: ReleaseContext, wired: Wiring) -> Object:
+def find_master(release: ReleaseContext, wired: Wiring) -> Object:
     """Return the master's address; if releases share it, also a name that differs by release."""
-    uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or around.master_uri
+    uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or release.master_uri
     name = None
-    if around.master_uri != MASTER_URI:
-        name = "/" + re.sub(r"\W", "_", f"ros_exporter_{around.namespace}_{around.release}")
+    if release.master_uri != MASTER_URI:
+        name = "/" + re.sub(r"\W", "_", f"ros_exporter_{release.namespace}_{release.release}")
     return {"master_uri": uri, "name": name}

@@ -120,8 +120,10 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         UserError: nothing of it is on the cluster.
     """
     found, records = collect(cluster, release)
-    around = look_around(found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ()))
-    described = describe_release(release, found.values(), around, records)
+    surroundings = look_around(
+        found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ())
+    )
+    described = describe_release(release, found.values(), surroundings, records)
     if described is None:
         raise UserError(
             f"there is no release {release.name} in the namespace {release.namespace}",
@@ -133,14 +135,14 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
 def describe_release(
     release: ReleaseId,
     found: Iterable[Iterable[Live]],
-    around: Surroundings,
+    surroundings: Surroundings,
     records: Sequence[revisions.Record] | None,
 ) -> ReleaseStatus | None:
     """Return what of a release runs where, None where there is nothing of it; pure.
 
     Args:
         found: objects with its label, by kind.
-        around: pods, ReplicaSets and warnings of its namespace.
+        surroundings: pods, ReplicaSets and warnings of its namespace.
         records: its revisions; None for a user who may not see them.
     """
     owned = [live for kind in found for live in kind if is_applied(live)]
@@ -151,7 +153,7 @@ def describe_release(
         release,
         *newest(records),
         tuple(
-            describe_workload(live, around)
+            describe_workload(live, surroundings)
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
         ),
@@ -199,14 +201,14 @@ def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Rec
         return None
 
 
-def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
+def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadStatus:
     """Return the state of one workload."""
-    sets, pods = around.list_sets(live), around.list_pods(live)
+    sets, pods = surroundings.list_sets(live), surroundings.list_pods(live)
     state = readiness(live)
     message, wrong = state.message, list[Cause]()
     if not (state.done and state.ok):
-        events = around.list_events(live, *sets, *pods)
-        wrong = causes(live, around.list_newest_pods(live), events, sets)
+        events = surroundings.list_events(live, *sets, *pods)
+        wrong = causes(live, surroundings.list_newest_pods(live), events, sets)
         message = "; ".join([message, *(cause.message for cause in wrong)])
     return WorkloadStatus(
         live["kind"],
@@ -216,7 +218,7 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
         state.done and state.ok,
         message,
         tuple(
-            describe_pod(pod, around.list_events(pod))
+            describe_pod(pod, surroundings.list_events(pod))
             for pod in sorted(pods, key=lambda pod: (is_ending(pod), pod["metadata"]["name"]))
         ),
         live["metadata"].get("annotations") or {},

@@ -12,6 +12,7 @@ from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.types import RosGraph
@@ -26,8 +27,8 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
         UserError: nothing of the release is on the cluster.
         ClusterError: the graph cannot be read; the message has the cause.
     """
+    items = list_pods(cluster, release)
     own = {RELEASE_LABEL: release.name}
-    items = cluster.list("v1", "Pod", release.namespace, labels=own)
     deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
     pods, participants = read_pods(items), members(items)
     if not pods:

@@ -20,9 +20,9 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.objects.facts import is_ending
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.rosgraph.inside import read_module, run_inside
@@ -172,8 +172,7 @@ def read_parameter(cluster: Cluster, release: ReleaseId, name: str) -> tuple[Any
 
 def ask_master(cluster: Cluster, release: ReleaseId, *words: str) -> Mapping[str, Any]:
     """Return the names of the master's parameters, or the value of one. Raises as above."""
-    items = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
-    pods = read_pods(items)
+    pods = read_pods(list_pods(cluster, release))
     if pods and all(pod.ros.dds for pod in pods):
         raise UserError(
             f"{release.name} has no ROS master with parameters",
@@ -185,11 +184,9 @@ def ask_master(cluster: Cluster, release: ReleaseId, *words: str) -> Mapping[str
 
 def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
     """Return the state of the gate, which the master does not have; None if no gate runs."""
-    labels = {RELEASE_LABEL: release.name, NAME_LABEL: MASTER_NAME}
-    pods = cluster.list("v1", "Pod", release.namespace, labels=labels)
     names = [
         pod["metadata"]["name"]
-        for pod in pods
+        for pod in list_pods(cluster, release, {NAME_LABEL: MASTER_NAME})
         if runs(pod.get("status") or {}, GATE_CONTAINER) and not is_ending(pod)
     ]
     if not names:

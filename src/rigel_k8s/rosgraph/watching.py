@@ -22,11 +22,11 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.names import EXPORTER_PORT
 from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
 
@@ -185,8 +185,7 @@ def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
 
     modules = [("heard", read_module("rigel_inpod.sent.heard"))]
     try:
-        own = {RELEASE_LABEL: release.name}
-        pods = read_pods(cluster.list("v1", "Pod", release.namespace, labels=own))
+        pods = read_pods(list_pods(cluster, release))
         for pod in pods:
             if pod.is_exporter and pod.running and pod.ros.dds:
                 return run_inside(cluster, pod, modules, [str(EXPORTER_PORT)])

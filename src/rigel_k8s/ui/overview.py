@@ -59,13 +59,13 @@ class Overview:
 
     def describe(self, view: ReleaseView, now: float) -> Mapping[str, Entries]:
         """Return entries by their group."""
-        around = view.look_around()
+        surroundings = view.look_around()
         records = None
         if SECRET not in view.refused:
             secrets = view.objects[SECRET].values()
             records = sorted((Record(self._release, s) for s in secrets), key=lambda r: r.number)
         live = [list(view.objects[kind].values()) for kind in KINDS]
-        found = describe_release(self._release, live, around, records)
+        found = describe_release(self._release, live, surroundings, records)
         if found is None:
             self.nodes = None
             gone = ("node", "box", "topic", "dot", "revision", "problems")
@@ -76,7 +76,7 @@ class Overview:
         rolling = found.revision_status == "pending" and changing != ""
 
         items = {(one["kind"], one["metadata"]["name"]): one for kind in live for one in kind}
-        newest = [around.list_newest_pods(items[w.kind, w.name]) for w in found.workloads]
+        newest = [surroundings.list_newest_pods(items[w.kind, w.name]) for w in found.workloads]
         refs = [ref_of(items[w.kind, w.name]) for w in found.workloads]
         for ref, pods in zip(refs, newest, strict=True):
             self._note_crashes(ref, pods, now)

@@ -29,7 +29,7 @@ Object = dict[str, Any]
 
 
 def agent_objects(
-    around: ReleaseContext, options: MutoAgent, rigelfile: str, rules: Sequence[Object]
+    release: ReleaseContext, options: MutoAgent, rigelfile: str, rules: Sequence[Object]
 ) -> Iterator[Object]:
     """Yield all that an agent needs.
 
@@ -37,9 +37,9 @@ def agent_objects(
         rigelfile: the text of a Rigelfile with the job that commands deploy.
         rules: the rights to deploy that into the agent's namespace.
     """
-    name = around.release
-    meta = around.metadata(name)
-    yield config_map(around, name, {"Rigelfile": rigelfile}, part_of=name)
+    name = release.release
+    meta = release.metadata(name)
+    yield config_map(release, name, {"Rigelfile": rigelfile}, part_of=name)
     yield {"apiVersion": "v1", "kind": "ServiceAccount", "metadata": meta}
     yield {"apiVersion": f"{RBAC}/v1", "kind": "Role", "metadata": meta, "rules": list(rules)}
     yield {
@@ -47,24 +47,24 @@ def agent_objects(
         "kind": "RoleBinding",
         "metadata": meta,
         "roleRef": {"apiGroup": RBAC, "kind": "Role", "name": name},
-        "subjects": [{"kind": "ServiceAccount", "name": name, "namespace": around.namespace}],
+        "subjects": [{"kind": "ServiceAccount", "name": name, "namespace": release.namespace}],
     }
     yield deployment(
-        around,
+        release,
         name,
-        _make_pod(around, options),
+        _make_pod(release, options),
         strategy={"type": "Recreate"},
         pod_annotations={CONFIG_ANNOTATION: hashlib.sha256(rigelfile.encode()).hexdigest()[:20]},
     )
 
 
-def _make_pod(around: ReleaseContext, options: MutoAgent) -> Object:
+def _make_pod(release: ReleaseContext, options: MutoAgent) -> Object:
     text = files(__package__).joinpath("pod.yaml").read_text("utf-8")
     pod: Object = yaml.load(text, Loader)
     [container] = pod["containers"]
-    pod["serviceAccountName"] = pod["volumes"][0]["configMap"]["name"] = around.release
+    pod["serviceAccountName"] = pod["volumes"][0]["configMap"]["name"] = release.release
     container["image"] = str(options.image or AGENT_IMAGE)
-    container["args"] = list(list_arguments(options, around.namespace))
+    container["args"] = list(list_arguments(options, release.namespace))
     for kind in ("requests", "limits"):
         chosen = getattr(options.resources, kind).items()
         container["resources"][kind].update({str(name): str(value) for name, value in chosen})

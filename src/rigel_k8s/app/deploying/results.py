@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from rigel_k8s.app.options import Results
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 
 if TYPE_CHECKING:
@@ -72,8 +72,9 @@ def copy_results(
 
 def find_newest_pod(release: ReleaseId, cluster: Cluster) -> str:
     """Return the name of the application's newest ready pod."""
-    own = {NAME_LABEL: release.name, RELEASE_LABEL: release.name}
-    pods = [p for p in cluster.list("v1", "Pod", release.namespace, labels=own) if stays_ready(p)]
+    pods = [
+        pod for pod in list_pods(cluster, release, {NAME_LABEL: release.name}) if stays_ready(pod)
+    ]
     if not pods:
         raise RigelK8sError(
             f"results: no pod of {release.name} in {release.namespace} is ready",

@@ -24,10 +24,11 @@ from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.facts import stays_ready
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.objects.scalars import Count, Duration, ObjectName, RosName
 from rigel_k8s.problems import Problem
+from rigel_k8s.release.pods import list_pods
+from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Application
 
 #: Seconds between two looks for a ready pod.
@@ -180,8 +181,8 @@ class _Check:
 
     def _pods(self) -> list[dict[str, Any]]:
         """Return the release's pods, the oldest first."""
-        labels = {RELEASE_LABEL: str(self.options.deployment_name)}
-        pods = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
+        release = ReleaseId(self.namespace, str(self.options.deployment_name))
+        pods = list_pods(self.cluster, release)
         return sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp")))
 
     def _no_pod_error(self, key: str, found: Sequence[RunningPod]) -> RigelK8sError:

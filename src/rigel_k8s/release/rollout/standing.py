@@ -24,7 +24,7 @@ class Standing:
         targets: as they were applied.
         away: the names of the machines whose pods are not waited for.
         live: as the last look has found them.
-        around: what belongs to them.
+        surroundings: what belongs to them.
         rolling: those that were not ready at some look: their containers are new.
         looked_at: the pods whose containers without probes have been checked.
         enough_since: when all but optional ones became ready, None if they are not.
@@ -33,7 +33,7 @@ class Standing:
     targets: Mapping[ObjectRef, Manifest]
     away: frozenset[str] = frozenset()
     live: Mapping[ObjectRef, Manifest] = attrs.field(factory=dict)
-    around: Surroundings = attrs.field(factory=Surroundings)
+    surroundings: Surroundings = attrs.field(factory=Surroundings)
     states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: CrashLog = attrs.field(factory=CrashLog)
@@ -41,14 +41,16 @@ class Standing:
     looked_at: set[str] = attrs.field(factory=set)
     enough_since: float | None = None
 
-    def look(self, live: Mapping[ObjectRef, Manifest], around: Surroundings, now: float) -> None:
+    def look(
+        self, live: Mapping[ObjectRef, Manifest], surroundings: Surroundings, now: float
+    ) -> None:
         """Note what is there now."""
-        self.live, self.around = live, around
+        self.live, self.surroundings = live, surroundings
         for ref, there in live.items():
-            newest = around.list_newest_pods(there)
+            newest = surroundings.list_newest_pods(there)
             if ref in self.rolling:
                 self.crashes.note(ref, newest, now)
-            state = readiness_without(there, newest, around.list_pods(there), self.away)
+            state = readiness_without(there, newest, surroundings.list_pods(there), self.away)
             self.states[ref] = state
             if not state.done:
                 self.rolling.add(ref)
@@ -84,7 +86,9 @@ class Standing:
             container
             for ref, live in self.live.items()
             if ref in self.rolling and self.is_ready(ref)
-            for container in find_unprobed_in(ref, self.around.list_newest_pods(live), self.away)
+            for container in find_unprobed_in(
+                ref, self.surroundings.list_newest_pods(live), self.away
+            )
             if container.uid not in self.looked_at
         ]
         self.looked_at |= {container.uid for container in fresh}
@@ -99,6 +103,9 @@ class Standing:
             if state.done and not state.ok:
                 yield ref, Cause("failed", state.message)
                 continue
-            sets, newest = self.around.list_sets(live), self.around.list_newest_pods(live)
-            events = self.around.list_events(live, *sets, *newest)
+            sets, newest = (
+                self.surroundings.list_sets(live),
+                self.surroundings.list_newest_pods(live),
+            )
+            events = self.surroundings.list_events(live, *sets, *newest)
             yield from ((ref, cause) for cause in causes(live, newest, events, sets))

@@ -184,6 +184,7 @@ WARNINGS = [
         "{image: a, nodes: {b: {args: x, parameters: {p: $(env E)}}}}",
     ),
     ("no-shell", "nodes.b.args", "{image: a, nodes: {b: {args: source /x && rosrun a b}}}"),
+    ("no-shell", "nodes.b.args", "{image: a, nodes: {b: {args: rosrun a b &}}}"),
     (
         "no-shell",
         "nodes.b.args",

@@ -36,7 +36,7 @@ NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
     "parameters": "warning",
     "args": "warning",
 }
-OPERATORS = frozenset(("&&", "||", "|", ";", ">", ">>", "<", "2>&1"))
+OPERATORS = frozenset(("&", "&&", "||", "|", ";", ">", ">>", "<", "2>&1"))
 #: Commands that only a shell has.
 BUILT_IN = ("source", ".", "export", "cd")
 

@@ -1,4 +1,4 @@
-"""The exit code of `./run test`, which is all that continuous integration looks at."""
+"""What `./run test` runs, and its exit code, which is all that continuous integration looks at."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ pytestmark = pytest.mark.programs
 RUN = Path(__file__).parents[2] / "run"
 #: Ends the tests with the code in CODE, everything else with 0 and at once.
 PROGRAM = """#!/bin/sh
+echo "$0 $*" >>"$CALLS"
 case "$*" in *pytest*) sleep 0.2; exit $CODE ;; esac
 """
 PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo")
@@ -24,12 +25,35 @@ PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo")
 @pytest.mark.parametrize("code", [0, 1])
 def test_the_tests_decide(tmp_path: Path, code: int) -> None:
     """Whether or not the builds beside them have ended by then."""
-    root = tmp_path / "project"
+    run(tmp_path, code=code)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ([], ["junit.xml"]),
+        (["--slow"], ["junit-slow.xml --all -m slow", "bounds"]),
+        (["--all"], ["junit.xml", "junit-slow.xml --all -m slow", "bounds"]),
+        (["tests/unit", "-k", "name"], ["junit.xml tests/unit -k name"]),
+    ],
+)
+def test_the_parts_of_a_run(tmp_path: Path, words: list[str], parts: list[str]) -> None:
+    """What is slow has a run of its own, after the others or alone."""
+    calls = run(tmp_path, *words, context="a-cluster-that-is-there")
+    ran = [line.strip() for line in calls.splitlines() if "-m pytest" in line or "bounds" in line]
+    assert len(ran) == len(parts), ran
+    assert all(line.endswith(part) for line, part in zip(ran, parts, strict=True)), ran
+
+
+def run(directory: Path, *words: str, code: int = 0, context: str = "") -> str:
+    """Run `./run test`, whose tests end with a code; return the programs that it has called."""
+    root = directory / "project"
     programs = root / ".venv/bin"
     programs.mkdir(parents=True)
-    for name in PROGRAMS:
-        (programs / name).write_text(PROGRAM)
-        (programs / name).chmod(0o755)
+    (root / "tests").mkdir()
+    for program in (*(programs / name for name in PROGRAMS), root / "tests/bounds"):
+        program.write_text(PROGRAM)
+        program.chmod(0o755)
     (root / "requirements").mkdir()
     for name in ("requirements/build.txt", "requirements/dev.txt", "pyproject.toml"):
         (root / name).write_text("")
@@ -37,12 +61,14 @@ def test_the_tests_decide(tmp_path: Path, code: int) -> None:
     shutil.copy(RUN, root)
     (root / "tools").mkdir()
     shutil.copy(RUN.parent / "tools/steps.sh", root / "tools")
+    own = {"CODE": str(code), "CALLS": str(directory / "calls"), "RIGEL_VENV": ""}
     done = subprocess.run(
-        [root / "run", "test"],
-        env={**os.environ, "CODE": str(code), "RIGEL_VENV": "", "RIGEL_TEST_CONTEXT": ""},
+        [root / "run", "test", *words],
+        env={**os.environ, **own, "RIGEL_TEST_CONTEXT": context},
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
     assert done.returncode == code, done.stderr
+    return (directory / "calls").read_text()

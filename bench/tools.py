@@ -46,7 +46,7 @@ def compile_modules(checkout: Path) -> None:
 
     Where PYTHONDONTWRITEBYTECODE is set, each start of a checkout compiles all that it imports.
     """
-    compileall.compile_dir(checkout / "src" / "rigel_k8s", quiet=2)
+    compileall.compile_dir(checkout / "src", quiet=2)
 
 
 @attrs.frozen

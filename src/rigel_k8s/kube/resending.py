@@ -92,7 +92,7 @@ class Resending:
         self.doubtful = self.doubtful or sent
         if sent and not self.safe:
             return None
-        if self.losses == 1 and self.safe:
+        if self.losses == 1:
             return 0.0
         return self.within(backoff(self.losses), AWAY) if self.endures else None
 

@@ -56,6 +56,14 @@ def test_what_others_add_is_named(fake: FakeCluster, report: Any) -> None:
     assert {verb for verb, _ in fake.calls} <= {"get", "list"}
 
 
+def test_our_own_patches_are_no_drift(fake: FakeCluster, report: Any) -> None:
+    """`rigel network install` lets machines be away in this way."""
+    wanted = desired(anonymous(), config(k="1"))
+    deploy(wanted, fake, report=report)
+    fake.patch(TALKER, {"spec": {"revisionHistoryLimit": 3}})
+    assert warn(fake, report, wanted) == []
+
+
 def test_adopt_removes_what_others_have_added(fake: FakeCluster, report: Any) -> None:
     """What `diff --adopt` shows; then nothing is left to do."""
     wanted = desired(anonymous(), config(k="1"))

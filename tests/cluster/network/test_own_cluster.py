@@ -194,6 +194,7 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     """Where the programs are in the release's own directory, an upgrade leaves it: they follow."""
     if not own.data_dir:
         pytest.skip("of k3s only")
+    install(own.cluster, Install(), DeployOptions(report=said))
     older = Install(cni_bin_dir="/data/data/current/bin")
     install(own.cluster, older, DeployOptions(report=said))
     upgrade(own, f"v{components.KUBERNETES_VERSION}+k3s4")

@@ -6,6 +6,8 @@ installed packages takes longer than a small command.
 
 from __future__ import annotations
 
+import functools
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -29,6 +31,12 @@ _WORDS: Mapping[Group, str] = {
 
 def list_entries(group: Group) -> tuple[EntryPoint, ...]:
     """Return all entry points of a group; importing nothing that they name."""
+    return _read_entries(group, tuple(sys.path))
+
+
+@functools.cache
+def _read_entries(group: Group, search_path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Read the lists of all packages on the search path, once."""
     from importlib import metadata
 
     return tuple(metadata.entry_points(group=group))

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
-from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout import crashes, wait
 from rigel_k8s.release.rollout.crashes import STEADY
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import Standing
@@ -28,6 +28,7 @@ def restarted(count: int) -> Callable[[dict[str, Any]], dict[str, Any]]:
         status = running(pod)
         for container in status["containerStatuses"]:
             container["restartCount"] = count
+            container["lastState"] = {"terminated": {"exitCode": 1, "reason": "Error"}}
         return status
 
     return kubelet
@@ -48,14 +49,25 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
         standing.look({TALKER: fake.objects[TALKER]}, around, now)
         return standing.is_ready(TALKER)
 
-    for crashes in (1, 2):
-        fake.store.controllers = Controllers(restarted(crashes))
+    for count in (1, 2):
+        fake.store.controllers = Controllers(restarted(count))
         fake.settle()
         assert not look()
         now += STEADY - 1
         assert not look()
     now += 2
     assert look()
+
+
+def test_a_crash_that_healed_before_anyone_looked_is_told(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kubelet restarts a container at once the first time: it may be ready at every look."""
+    monkeypatch.setattr(crashes, "STEADY", 0.3)
+    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    fake.store.controllers = Controllers(restarted(1))
+    deploy(desired(workload()), fake, report=report, timeout=30)
+    assert report.warnings == ["talker: container node exited with code 1\n    last words"]
 
 
 def test_a_workload_that_crashes_is_told_with_its_last_words(

@@ -59,8 +59,7 @@ class Account:
         unsteady = self.standing.unsteady
         fresh, passed = self.ledger.note(now, found, others_coming=coming, unsteady=unsteady)
         for seen in fresh:
-            if seen.cause.kind != "restarted":
-                seen.lines = [seen.cause.message, *self.read_log(seen)]
+            seen.lines = [seen.cause.message, *self.read_log(seen)]
         self.warn(passed)
         for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
             self.show(ref, cause.message, done=False)

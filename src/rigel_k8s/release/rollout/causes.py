@@ -179,6 +179,14 @@ def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[C
         yield from explain_exit(name, container)
 
 
+def list_restarts(pods: Iterable[Manifest]) -> Iterator[Cause]:
+    """Yield how containers that are ready now have ended before."""
+    for pod in pods:
+        for container in containers(pod.get("status") or {}):
+            if container.get("ready") and "running" in (container.get("state") or {}):
+                yield from explain_exit(pod["metadata"]["name"], container)
+
+
 def never_started(pod: str, container: str, message: str) -> Cause:
     """Return the cause of a program that the runtime cannot start.
 

@@ -8,7 +8,7 @@ import attrs
 
 from rigel_k8s.objects.marks import is_optional
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.release.rollout.causes import Cause, causes
+from rigel_k8s.release.rollout.causes import Cause, causes, list_restarts
 from rigel_k8s.release.rollout.crashes import CrashLog, Unprobed, find_unprobed_in
 from rigel_k8s.release.rollout.readiness import ObjectReadiness, readiness_without
 from rigel_k8s.release.rollout.surroundings import Surroundings
@@ -103,9 +103,10 @@ class Standing:
             if state.done and not state.ok:
                 yield ref, Cause("failed", state.message)
                 continue
-            sets, newest = (
-                self.surroundings.list_sets(live),
-                self.surroundings.list_newest_pods(live),
-            )
+            sets = self.surroundings.list_sets(live)
+            newest = self.surroundings.list_newest_pods(live)
             events = self.surroundings.list_events(live, *sets, *newest)
-            yield from ((ref, cause) for cause in causes(live, newest, events, sets))
+            found = causes(live, newest, events, sets)
+            if not found and ref in self.unsteady:  # the kubelet restarted it between two reports
+                found = list(list_restarts(newest))
+            yield from ((ref, cause) for cause in found)

@@ -19,7 +19,8 @@ from tests.support.recorder import Recorder
 from tests.support.tag_registry import serve_tags
 
 ROOT = Path(__file__).parents[1]
-BAD = sorted((ROOT / "rigelfile" / "err").glob("*.Rigelfile"))
+FILES = sorted((ROOT / "rigelfile" / "err").glob("*.Rigelfile"))
+BAD = [path for path in FILES if check(Settings(path)).errors]  # others have only warnings
 RIGELFILE = """
 application: {distro: noetic}
 jobs:
@@ -96,8 +97,6 @@ def test_a_bad_rigelfile_is_refused_alike(both: Any, path: Path) -> None:
         names = targets.names(settings)
     except RigelK8sError:
         names = []
-    if not check(settings).errors:
-        pytest.skip("it has only warnings")
     assert all(both(settings, name) for name in names or ["deploy"])
 
 

@@ -90,7 +90,7 @@ def decode_base64(data: YamlNode) -> bytes:
     try:
         return base64.b64decode("".join(data.value.split()), validate=True)
     except (binascii.Error, ValueError) as fault:
-        raise Unreadable(error(data, f"this is not base64: {fault}", "bad-data")) from fault
+        raise Unreadable(error(data, "this is not base64", "bad-data")) from fault
 
 
 def _decompress(content: bytes, data: YamlNode) -> bytes:

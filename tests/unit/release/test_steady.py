@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
-from rigel_k8s.release.rollout import crashes, wait
+from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.crashes import STEADY
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import Standing
@@ -63,8 +65,11 @@ def test_a_crash_that_healed_before_anyone_looked_is_told(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kubelet restarts a container at once the first time: it may be ready at every look."""
-    monkeypatch.setattr(crashes, "STEADY", 0.3)
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    clock = SimpleNamespace(
+        monotonic=itertools.count(1000.0).__next__
+    )  # a second for each look at it
+    monkeypatch.setattr(wait, "time", clock)
+    monkeypatch.setattr(wait, "LOOK", 0.02)
     fake.store.controllers = Controllers(restarted(1))
     deploy(desired(workload()), fake, report=report, timeout=30)
     assert report.warnings == ["talker: container node exited with code 1\n    last words"]

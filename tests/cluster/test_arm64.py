@@ -58,9 +58,15 @@ class Mixed:
     """A cluster of both kinds of machines, and a directory with a Rigelfile for it."""
 
     cluster: Any
-    context: str
+    name: str
     registry: str
     directory: Path
+    kubectl: str
+
+    @property
+    def context(self) -> str:
+        """The cluster's context."""
+        return f"rigel-{self.name}"
 
     def rigel(self, *words: str, check: bool = True) -> Any:
         """Run `rigel` in the directory."""
@@ -112,9 +118,8 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mixed]:
         for arch in ("amd64", "arm64"):
             words = ("--arch", arch, "--push", f"{registry}/ros:noetic-{arch}")
             run_rigel("image", "ros1-base", *words, timeout=PATIENCE)
-        context = f"rigel-{name}"
-        with connect(Settings(context=context)) as cluster:
-            yield Mixed(cluster, context, registry, directory)
+        with connect(Settings(context=f"rigel-{name}")) as cluster:
+            yield Mixed(cluster, name, registry, directory, kubectl)
 
 
 @pytest.fixture(scope="module")
@@ -188,6 +193,7 @@ def test_the_exporter_measures_on_arm64(deployed: Mixed) -> None:
 def test_an_image_without_the_machines_platform_is_refused(mixed: Mixed) -> None:
     """Before anything is changed, and with what the image runs on and what the machines are."""
     mixed.write(f"{mixed.registry}/ros:noetic-amd64", namespace="wrong")
+    arm64.label(mixed.name, ARM64, mixed.kubectl)
     done = mixed.rigel("run", "job", "deploy", check=False)
     assert done.returncode != 0
     assert "runs on amd64, but the machines that may run it are arm64" in done.stderr

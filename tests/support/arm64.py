@@ -72,10 +72,15 @@ def change(name: str, machine: str, kubectl: str) -> None:
     run(["nsenter", "-t", old, "-m", *bind])
     run(["kill", old])
     until(lambda: find_containerd(directory) not in ("", old), "the emulated containerd")
-    label = ["label", "node", machine, "kubernetes.io/arch=arm64", "--overwrite"]
     for _ in range(20):  # a kubelet whose containerd was away registers again, as amd64
-        run([kubectl, f"--context=rigel-{name}", *label])
+        label(name, machine, kubectl)
         time.sleep(1)
+
+
+def label(name: str, machine: str, kubectl: str) -> None:
+    """Label a machine as one with an ARM processor; on a busy one the kubelet may do so later."""
+    words = ["label", "node", machine, "kubernetes.io/arch=arm64", "--overwrite"]
+    run([kubectl, f"--context=rigel-{name}", *words])
 
 
 def find_containerd(directory: Path) -> str:

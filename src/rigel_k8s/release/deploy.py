@@ -152,6 +152,7 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
         run.before(plan)
     pending = new_revision(run, looked)
     lease.confirm()
+    kept = revisions.forget_unfinished(run.cluster, found.history, run.back_to)
     revisions.create(run.cluster, pending)
     good = revisions.find_good(found.history)
 
@@ -177,11 +178,11 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
         if not lease.lost.is_set():  # otherwise the deploy with the Lease owns the revision
             mark_failed(run, pending, error)
         raise
-    kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
-    mine = tuple(item for item in pending.inventory if item.ref in kept and item.uid)
+    there = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
+    mine = tuple(item for item in pending.inventory if item.ref in there and item.uid)
     done = attrs.evolve(pending, status="good", inventory=mine)
     revisions.update(run.cluster, done)
-    clean_up(run, found, done)
+    clean_up(run, kept, done)
     return done
 
 
@@ -216,9 +217,8 @@ def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
         revisions.update(run.cluster, attrs.evolve(pending, status="failed"))
 
 
-def clean_up(run: Run, found: Survey, good: Revision) -> None:
+def clean_up(run: Run, kept: Sequence[revisions.Record], good: Revision) -> None:
     """Close what earlier runs left open, and forget the oldest revisions."""
-    kept = list(found.history)
     for record in kept:
         if record.status == "pending":
             revisions.update(run.cluster, attrs.evolve(record.revision(), status="failed"))

@@ -1,4 +1,7 @@
-"""The records of a release: compressed Secrets, one for each revision, at most LIMIT of them.
+"""The records of a release: compressed Secrets, one for each revision, and few of them.
+
+A good deploy leaves LIMIT of them. Until there is one, at most LIMIT unfinished ones come to that:
+every look at a release reads all of its records.
 
 A record is a contract with later versions of this tool: its format has a number. It contains no
 Secret's data.
@@ -105,6 +108,20 @@ def forget_old(cluster: Cluster, kept: Sequence[Record]) -> None:
     """Delete the oldest records beyond LIMIT, but never the last good one."""
     good = [record for record in kept if record.status == "good"][-1:]
     forget(cluster, [record for record in kept[:-LIMIT] if record not in good])
+
+
+def forget_unfinished(
+    cluster: Cluster, kept: Sequence[Record], target: int | None
+) -> Sequence[Record]:
+    """Delete the oldest unfinished records, and return the others; there is room for a new one.
+
+    Args:
+        target: the revision that the new one goes back to; it stays.
+    """
+    unfinished = [record for record in kept if record.status != "good"]
+    old = [record for record in unfinished[: 1 - LIMIT] if record.number != target]
+    forget(cluster, old)
+    return [record for record in kept if record not in old]
 
 
 def forget(cluster: Cluster, old: Iterable[Record]) -> None:

@@ -14,10 +14,11 @@ from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import find_last_good, history
+from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
-from tests.support.fake_cluster import FakeCluster
+from tests.support.fake_cluster import FakeCluster, Killed
 from tests.support.manifests import RELEASE, claim, config, workload
 from tests.support.releases import deploy, diff, down, rollback
 
@@ -223,6 +224,43 @@ def test_old_revisions_are_forgotten(fake: Any, report: Any) -> None:
     for number in range(12):
         deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
     assert [r.number for r in history(fake, RELEASE)] == list(range(3, 13))
+
+
+def test_deploys_that_do_not_end_leave_few_revisions(fake: Any, report: Any) -> None:
+    """Each of a row of deploys replaces the one before; every look reads all revisions.
+
+    The good ones stay, and what the unfinished ones have left is still known.
+    """
+    for number in range(3):
+        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
+    for number in range(25):
+        fake.store.die_after = 4  # the Lease, an old revision or the new one, and some of the rest
+        with pytest.raises(Killed):
+            deploy(Desired(RELEASE, (config(f"b{number}"),)), fake, report=report)
+        fake.revive()
+        fake.delete(lease_ref(RELEASE))  # its process has ended
+    found = history(fake, RELEASE)
+    assert [r.number for r in found[:3]] == [1, 2, 3]
+    assert len(found) <= 3 + revisions.LIMIT
+    deploy(Desired(RELEASE, (config("c"),)), fake, report=report)
+    assert fake.names("ConfigMap") == {"c"}
+    assert len(history(fake, RELEASE)) == revisions.LIMIT
+
+
+def test_a_rollback_that_does_not_end_keeps_its_target(fake: Any, report: Any) -> None:
+    """Also one that failed, and is older than all that are kept."""
+    deploy(Desired(RELEASE, (config("a"),)), fake, report=report)
+    fake.store.refuse = no_apply
+    for _ in range(2 * revisions.LIMIT):
+        with pytest.raises(Refusal):
+            deploy(Desired(RELEASE, (config("b"),)), fake, report=report)
+    target = history(fake, RELEASE)[1].number
+    for _ in range(2 * revisions.LIMIT):
+        with pytest.raises(Refusal):
+            rollback(fake, RELEASE, target, report=report)
+    fake.store.refuse = lambda live, dry_run: None
+    rollback(fake, RELEASE, target, report=report)
+    assert fake.names("ConfigMap") == {"b"}
 
 
 def test_down_leaves_nothing_but_data(fake: Any, report: Any) -> None:

@@ -23,6 +23,8 @@ from paho.mqtt.client import MQTTv311
 
 from rigel_k8s import __version__
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import revisions
+from rigel_k8s.release.types import ReleaseId
 from rigel_lab.cluster.oci import push_archive
 from rigel_muto.agent.address import Login
 from tests.support import broker_image, shared
@@ -303,7 +305,8 @@ def read_memory(process: subprocess.Popen[bytes] | None) -> int:
 @pytest.mark.timeout(7200)
 def test_a_thousand_commands_in_a_row(device: Device) -> None:
     """Each has one answer, the last one wins, and neither memory nor history grows with them."""
-    began, memory = time.monotonic(), []
+    release = ReleaseId(device.robot.namespace, "robot")
+    began, memory, kept = time.monotonic(), [], []
     with Peer(device.broker.port, ANSWERS) as peer:
         for number in range(MANY):
             command, payload = choose_command(number)
@@ -318,6 +321,7 @@ def test_a_thousand_commands_in_a_row(device: Device) -> None:
             assert answer == payload if "ping" in command else answer["result"] == "success", answer
             if number % 100 == 99:
                 memory.append(read_memory(device.agent.process))
+                kept.append(len(revisions.records(device.robot.cluster, release)))
         answered = time.monotonic() - began
         *_, three = STACKS
         device.twin.until(three, "active")
@@ -327,9 +331,10 @@ def test_a_thousand_commands_in_a_row(device: Device) -> None:
     history = json.loads(device.robot.rigel("history", "deploy", "-o", "json").stdout)
     secrets = device.robot.cluster.list("v1", "Secret", device.robot.namespace)
     sizes = {item["metadata"]["name"]: len(json.dumps(item)) for item in secrets}
-    print(f"{MANY} commands: {answered:.0f} s, MiB {memory}, {history}, {sizes}")  # noqa: T201
+    print(f"{MANY} commands: {answered:.0f} s, MiB {memory}, {kept}, {history}, {sizes}")  # noqa: T201
     assert memory[-1] < memory[0] + 50, "the pod has 512 MiB"
-    assert len(history) <= 10
+    assert max(kept) <= 2 * revisions.LIMIT, "the good ones, and those that did not end"
+    assert len(history) <= revisions.LIMIT
 
 
 @pytest.fixture(scope="session")

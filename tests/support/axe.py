@@ -28,10 +28,11 @@ def read_axe() -> str:
             packed = io.BytesIO(answer.read())
         with tarfile.open(fileobj=packed) as archive:
             file = archive.extractfile(FILE)
-        assert file
+            assert file
+            program = file.read()
         KEPT.parent.mkdir(parents=True, exist_ok=True)
         beside = KEPT.with_name(f"axe.js.{os.getpid()}")  # several processes may do this at once
-        beside.write_bytes(file.read())
+        beside.write_bytes(program)
         beside.replace(KEPT)
     text = KEPT.read_bytes()
     assert hashlib.sha256(text).hexdigest() == SHA256

@@ -18,7 +18,8 @@ PROGRAM = """#!/bin/sh
 echo "$0 $*" >>"$CALLS"
 case "$*" in *pytest*) sleep 0.2; exit $CODE ;; esac
 """
-PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo")
+#: apt-get too: a machine without some of the packages would wait for them.
+PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo", "apt-get")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root's run builds beside the tests")
@@ -61,7 +62,8 @@ def run(directory: Path, *words: str, code: int = 0, context: str = "") -> str:
     shutil.copy(RUN, root)
     (root / "tools").mkdir()
     shutil.copy(RUN.parent / "tools/steps.sh", root / "tools")
-    own = {"CODE": str(code), "CALLS": str(directory / "calls"), "RIGEL_VENV": ""}
+    path = f"{programs}:{os.environ['PATH']}"
+    own = {"CODE": str(code), "CALLS": str(directory / "calls"), "RIGEL_VENV": "", "PATH": path}
     done = subprocess.run(
         [root / "run", "test", *words],
         env={**os.environ, **own, "RIGEL_TEST_CONTEXT": context},

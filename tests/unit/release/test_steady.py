@@ -65,10 +65,8 @@ def test_a_crash_that_healed_before_anyone_looked_is_told(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kubelet restarts a container at once the first time: it may be ready at every look."""
-    clock = SimpleNamespace(
-        monotonic=itertools.count(1000.0).__next__
-    )  # a second for each look at it
-    monkeypatch.setattr(wait, "time", clock)
+    seconds = itertools.count(1000.0)  # one more at each look at the clock
+    monkeypatch.setattr(wait, "time", SimpleNamespace(monotonic=seconds.__next__))
     monkeypatch.setattr(wait, "LOOK", 0.02)
     fake.store.controllers = Controllers(restarted(1))
     deploy(desired(workload()), fake, report=report, timeout=30)

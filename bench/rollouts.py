@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ class Rollouts:
 
     Attributes:
         image: ROS' base image, in the cluster's registry.
+        program: the command `rigel`.
     """
 
     context: str
@@ -33,6 +34,7 @@ class Rollouts:
     image: str
     namespace: str
     directory: Path
+    program: Sequence[str] = (sys.executable, "-m", "rigel_k8s")
 
     def kubectl(self, *words: str) -> str:
         """Run kubectl in the namespace."""
@@ -57,7 +59,7 @@ class Rollouts:
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
         file = self.directory / "Rigelfile"
         file.write_text(json.dumps({"application": {"distro": distro}, "jobs": {"deploy": job}}))
-        head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
+        head = [*self.program, "-f", str(file), "--context", self.context]
         words = ["run", "job", "deploy", "--timeout", timeout]
         return subprocess.run([*head, *words], capture_output=True).returncode == 0
 
@@ -82,7 +84,8 @@ def find_cluster(context: str | None, ros: str) -> tuple[str, str, str]:
         subprocess.run([*rigel, "network", "install"], check=True)
     status = lab.status(name)
     image = f"{status.registry}/ros:{'noetic' if ros == '1' else 'jazzy'}"
-    subprocess.run([*rigel, "image", f"ros{ros}-base", "--push", image], check=True)
+    words = ["rigel_k8s", "image", "ros1-base"] if ros == "1" else ["rigel_lab", "ros2-base"]
+    subprocess.run([sys.executable, "-m", *words, "--push", image], check=True)
     return found, status.kubectl, image
 
 

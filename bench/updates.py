@@ -1,7 +1,7 @@
-"""Updates of a talker under a running listener: the longest gap by strategy, as a table.
+"""Updates of a talker under a running listener: the gaps by strategy, as a table.
 
 usage: python -m bench.updates [--ros 1|2] [--updates 20] [--rates 20,100] [--late 0,5]
-                               [--strategies ...] [--context NAME]
+                               [--strategies ...] [--networks ...] [--context NAME]
 
 The context is one of `rigel cluster`, with two machines (ROS 2: and Multus); left out, one is made
 and stays.
@@ -25,6 +25,10 @@ from bench import updates_ros2
 from bench.rollouts import Rollouts, find_cluster, numbers, until
 
 SPACE = "bench-updates"
+COLUMNS = (
+    *("network", "rate", "start, s", "strategy", "switch, s", "gap, s"),
+    *("longest", "missing", "doubled", "failed"),
+)
 STRATEGIES = ("Recreate", "Rolling", "HandOver")
 #: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
 TALKER = """
@@ -58,13 +62,17 @@ class Update:
     """What a listener received of one update.
 
     Attributes:
-        gap: the longest time without a message around it, in seconds.
-        lost: messages that should have come in that time, at the talker's rate.
+        switch: from the last message of the old talker to the first of the new one, in seconds;
+            negative if the old one still came after that.
+        gap: the longest time without a message around it, in seconds; the start of the new pod,
+            which takes the processors, is part of that.
+        missing: messages of the new talker that did not come, though a later one did.
         doubled: messages of the old talker that came after the new one's first.
     """
 
+    switch: float
     gap: float
-    lost: int
+    missing: int
     doubled: int
 
 
@@ -73,16 +81,16 @@ class Talk:
     """A talker that is updated, and its listener on another machine.
 
     Attributes:
-        ros: 1 or 2.
+        network: of ROS 2, one of updates_ros2.NETWORKS; "" is ROS 1.
     """
 
     rollouts: Rollouts
-    ros: str
+    network: str
 
     def deploy(self, strategy: str, version: int, rate: int, late: float) -> bool:
         """Deploy the talker in a version; return whether it became ready."""
-        describe = describe_ros1 if self.ros == "1" else updates_ros2.describe
-        distro, talker, listener, more = describe(strategy)
+        ros2 = self.network and updates_ros2.describe(self.network)
+        distro, talker, listener, more = ros2 or describe_ros1(strategy)
         nodes = {
             "talker": {
                 **talker,
@@ -92,7 +100,7 @@ class Talk:
             },
             "listener": {**listener, "update": {"strategy": "Recreate"}},
         }
-        master = {"ros_master_image": self.rollouts.image} if self.ros == "1" else {}
+        master = {} if self.network else {"ros_master_image": self.rollouts.image}
         return self.rollouts.deploy(distro, nodes, {**master, **more})
 
     def heard(self) -> list[tuple[float, int, int]]:
@@ -124,10 +132,10 @@ def measure(
         failed += not talk.deploy(strategy, version, rate, late)
         talk.until_heard(version)
         time.sleep(1)
-    return list(judge(talk.heard(), rate, updates)), failed
+    return list(judge(talk.heard(), updates)), failed
 
 
-def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> list[Update]:
+def judge(found: Sequence[tuple[float, int, int]], updates: int) -> list[Update]:
     """Return the effect of each update on what was received."""
     result = []
     for version in range(1, updates + 1):
@@ -137,8 +145,12 @@ def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> l
         around = [one for one in found if first - 60 < one[0] < first + 1 and one[1] <= version]
         around = [one for one in around if one[1] >= version - 1]
         gap = max((b[0] - a[0] for a, b in itertools.pairwise(around)), default=0.0)
-        doubled = sum(1 for when, v, _ in found if v == version - 1 and when > first)
-        result.append(Update(gap, max(0, round(gap * rate) - 1), doubled))
+        old = [when for when, v, _ in found if v == version - 1]
+        doubled = sum(1 for when in old if when > first)
+        switch = first - max(old, default=first)
+        new = {number for _, v, number in found if v == version}
+        missing = max(new) - min(new) + 1 - len(new)
+        result.append(Update(switch, gap, missing, doubled))
     return result
 
 
@@ -146,18 +158,21 @@ def main() -> None:
     """Measure and print."""
     words = arguments()
     place = find_cluster(words.context, words.ros)
-    print("\n| rate | start, s | strategy | median gap, s | longest | lost | doubled | failed |")
-    print("|---|---|---|---|---|---|---|---|")
+    networks = words.networks.split(",") if words.ros == "2" else [""]
+    print("\n|", " | ".join(COLUMNS), "|\n|" + "---|" * len(COLUMNS))
     with tempfile.TemporaryDirectory() as directory:
-        talk = Talk(Rollouts(*place, SPACE, Path(directory)), words.ros)
-        for rate, late in itertools.product(words.rates, words.late):
+        rollouts = Rollouts(*place, SPACE, Path(directory))
+        for network, rate, late in itertools.product(networks, words.rates, words.late):
+            talk = Talk(rollouts, network)
             for strategy in words.strategies.split(","):
                 found, failed = measure(talk, strategy, rate, late, words.updates)
                 gaps = [one.gap for one in found] or [float("nan")]
-                lost, doubled = sum(u.lost for u in found), sum(u.doubled for u in found)
+                switch = median([one.switch for one in found] or [float("nan")])
+                missing, doubled = sum(u.missing for u in found), sum(u.doubled for u in found)
                 print(
-                    f"| {rate} Hz | {late:g} | {strategy} | {median(gaps):.3f} | {max(gaps):.3f}"
-                    f" | {lost} | {doubled} | {failed} of {words.updates} |",
+                    f"| {network} | {rate} Hz | {late:g} | {strategy}"
+                    f" | {switch:.3f} | {median(gaps):.3f} | {max(gaps):.3f}"
+                    f" | {missing} | {doubled} | {failed} of {words.updates} |",
                     flush=True,
                 )
 
@@ -171,6 +186,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--rates", type=numbers, default=[20, 100])
     parser.add_argument("--late", type=numbers, default=[0, 5])
     parser.add_argument("--strategies", default=",".join(STRATEGIES))
+    parser.add_argument("--networks", default=",".join(updates_ros2.NETWORKS))
     parser.add_argument("--context")
     return parser.parse_args()
 

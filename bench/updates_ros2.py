@@ -1,21 +1,23 @@
-"""The programs of `python -m bench.updates --ros 2`: plain nodes; for HandOver a lifecycle node."""
+"""The programs and networks of `python -m bench.updates --ros 2`."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: Macvlan, so multicast of the two machines reaches each other as on one Ethernet.
-NETWORK = {"mode": "macvlan", "interface": "eth0", "subnet": "10.197.0.0/16", "domain_id": 43}
+NETWORKS: dict[str, dict[str, Any]] = {
+    "macvlan": {"mode": "macvlan", "interface": "eth0", "subnet": "10.197.0.0/16", "domain_id": 43},
+    "peers": {"mode": "peers", "domain_id": 44},
+    "discovery-server": {"mode": "discovery-server", "servers": 2, "domain_id": 45},
+    "host": {"mode": "host", "domain_id": 46},
+}
 #: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
-HEAD = """
+TALKER = """
 import os, time
 time.sleep(float(os.environ["LATE"]))
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import String
 VERSION, PERIOD = os.environ["VERSION"], 1 / int(os.environ["RATE"])
-"""
-PLAIN = """
 from rclpy.node import Node
 class Talker(Node):
     number = 0
@@ -23,24 +25,6 @@ class Talker(Node):
         super().__init__("talker")
         self.publisher = self.create_publisher(String, "chatter", 100)
         self.create_timer(PERIOD, self.say)
-"""
-LIFECYCLE = """
-from rclpy.lifecycle import LifecycleNode
-class Talker(LifecycleNode):
-    number = 0
-    def __init__(self):
-        super().__init__("talker")
-    def on_configure(self, state):
-        self.publisher = self.create_lifecycle_publisher(String, "chatter", 100)
-        return super().on_configure(state)
-    def on_activate(self, state):
-        self.timer = self.create_timer(PERIOD, self.say)
-        return super().on_activate(state)
-    def on_deactivate(self, state):
-        self.destroy_timer(self.timer)
-        return super().on_deactivate(state)
-"""
-TAIL = """
     def say(self):
         self.publisher.publish(String(data="%s %d" % (VERSION, self.number)))
         self.number += 1
@@ -62,8 +46,8 @@ rclpy.spin(node)
 """
 
 
-def describe(strategy: str) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
+def describe(network: str) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
     """Return the distribution, the talker, the listener, and more of the job's options."""
-    text = HEAD + (LIFECYCLE if strategy == "HandOver" else PLAIN) + TAIL
-    talker = {"args": ["python3", "-c", text]}
-    return "jazzy", talker, {"args": ["python3", "-c", LISTENER]}, {"network": NETWORK}
+    talker = {"args": ["python3", "-c", TALKER]}
+    listener = {"args": ["python3", "-c", LISTENER]}
+    return "jazzy", talker, listener, {"network": NETWORKS[network]}

@@ -35,6 +35,7 @@ WORDS = {
     "discovery": "which nodes discover which",
     "observability": "logs, metrics, boards",
     "network": "modes, Multus, preflight",
+    "rigel_import": "launch and Compose files",
     "rigel_muto": "stacks of Eclipse Muto",
     "rigel_lab": "local cluster, base images",
     "images": "builds, registries",
@@ -44,6 +45,7 @@ WORDS = {
     "rigel_gate": "in front of roscore",
     "kube": "HTTP to the cluster",
     "rigel_inpod": "scripts in the pods",
+    "rigel_rmw": "inside of ROS 2 nodes",
     "objects": "Kubernetes vocabulary",
     "system": "files, programs, connections",
 }

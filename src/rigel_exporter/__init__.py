@@ -4,9 +4,11 @@ It is a separate program in an image of its own, beside an application's nodes. 
 Python's standard library and modules of rigel_inpod, for Python 3.9 and later, and is independent
 of Kubernetes and of the other packages.
 
-graph.py       the result of a look at a graph: plain data, the same for ROS 1 and DDS
+graph.py       the result of a look at a graph: plain data, the same for all
 ros1*.py       ROS 1: master and slave APIs, TCPROS
-dds*.py        DDS: discovery, readers
+ros2.py        ROS 2: asks the keepers of pods what its processes have noted
+notes.py       these notes as a graph and as counters
+dds*.py        DDS without ROS, and topics whose content is wanted: discovery, readers
 messages.py    the few messages whose content becomes a metric, in both serializations
 samples.py     what a named topic's subscriber has received
 standing.py    compares looks with what is expected and was seen before, with limits

@@ -6,10 +6,14 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rigel_exporter.collection import Collection, Server
 from rigel_exporter.config import Config, ConfigFailed, read
 from rigel_exporter.graph import Half
+
+if TYPE_CHECKING:
+    from rigel_exporter.dds import Domain
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -32,7 +36,8 @@ def main(arguments: list[str]) -> int:
 
 
 def _serve(half: Half, config: Config) -> int:
-    collection = Collection(half, config, after=config.joining if config.ros != "1" else 0.0)
+    joins = config.ros != "1" and not config.keepers
+    collection = Collection(half, config, after=config.joining if joins else 0.0)
     try:
         server = Server(config.port, collection.metrics, collection.well)
     except OSError as error:
@@ -54,6 +59,16 @@ def _make_half(config: Config) -> Half:
         from rigel_exporter.ros1 import Ros1
 
         return Ros1(config.master_uri, name=config.name, first=config.expected)
+    content = (config.diagnostics or config.clock or config.tf) and config.middleware != "zenoh"
+    domain = _join_domain(config) if content or not config.keepers else None
+    if domain and not config.keepers:
+        return domain
+    from rigel_exporter.ros2 import Ros2
+
+    return Ros2(config.keepers, domain)
+
+
+def _join_domain(config: Config) -> Domain:
     from rigel_exporter.dds import Domain
 
     domain = Domain(

@@ -15,6 +15,7 @@ from typing import Any
 
 from rigel_exporter import __version__
 from rigel_exporter.config import Config
+from rigel_exporter.contract import Contract
 from rigel_exporter.graph import Half
 from rigel_exporter.listening import Listening
 from rigel_exporter.metrics import CONTENT_TYPE, Sample, text
@@ -35,6 +36,7 @@ class Collection:
         self._half, self._config, self._after = half, config, after
         self._listening = Listening(half, config)
         self._standing = Standing(config.expected, config.known, config.topics)
+        self._contract = Contract(config.contract)
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="looks", daemon=True)
@@ -64,6 +66,7 @@ class Collection:
         yield from _process()
         if self._last:
             yield from self._standing.samples()
+            yield from self._contract.samples()
         yield from self._listening.samples(time.time())
 
     def _describe_itself(self) -> Iterator[Sample]:
@@ -98,6 +101,7 @@ class Collection:
             return
         with self._lock:
             self._standing.take(graph, time.time())
+            self._contract.take(graph, time.monotonic())
             self._took, self._last = time.monotonic() - began, time.time()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 INTERVAL = 10.0
 PORT = 9419
@@ -29,9 +29,13 @@ class Config(NamedTuple):
         interface: the network interface for DDS, None for any.
         peers: names or addresses to which the exporter announces itself.
         servers: discovery servers, HOST or HOST:PORT.
+        keepers: where ROS 2 processes' notes are read, NAME:PORT: at each address of the name, at
+            this port and the next three. Empty: the graph is read from DDS.
         expected: ROS names of nodes that must exist, and the workload of each.
         known: the same for nodes that may have another name.
-        topics: topics to subscribe to, in addition to those of the next three fields.
+        topics: topics to measure, in addition to those of the next three fields; with `keepers`,
+            their nodes count, and only the next three are subscribed to.
+        contract: what is expected of topics: fields of expecting.Expected, by their full names.
         diagnostics: subscribe to /diagnostics.
         clock: subscribe to /clock.
         tf: subscribe to /tf.
@@ -50,9 +54,11 @@ class Config(NamedTuple):
     interface: str | None = None
     peers: Sequence[str] = ()
     servers: Sequence[str] = ()
+    keepers: Sequence[str] = ()
     expected: Mapping[str, str] = {}
     known: Mapping[str, str] = {}
     topics: Sequence[str] = ()
+    contract: Mapping[str, Mapping[str, Any]] = {}
     diagnostics: bool = False
     clock: bool = False
     tf: bool = False

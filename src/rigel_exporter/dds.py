@@ -38,6 +38,8 @@ _PEER_PORTS = 8  # how many participants to look for at a peer's address
 class Domain:
     """A DDS domain, seen by a participant of it."""
 
+    counts = False
+
     def __init__(
         self,
         domain: int = 0,

@@ -4,7 +4,8 @@
 
 Why: the exporter's modules read discovery, but only count endpoints; a picture needs to show which
 node has which. CONFIG is JSON: the arguments of the exporter's Domain. Contract: the keys are those
-that rosgraph/dds.py reads. It joins discovery until nothing new arrives, and leaves.
+that rosgraph/dds.py and discovery/looks.py read. It joins discovery until nothing new arrives, and
+leaves.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 from rigel_exporter.dds import Domain
 from rigel_exporter.dds_discovery import Endpoint
 from rigel_exporter.dds_participant import Participant
+from rigel_exporter.dds_peer import Peer
 from rigel_exporter.dds_view import OURS, find_others, list_endpoints, list_nodes
 
 NAME = f"{OURS}graph reader"
@@ -27,7 +29,7 @@ TICK = 0.1
 
 
 def describe(known: Participant) -> dict[str, Any]:
-    """Return the nodes of participants, and each endpoint as [node, topic, type]."""
+    """Return the nodes of participants, each endpoint as [node, topic, type], and addresses."""
     others = find_others(known.peers.values())
     owners = {
         guid: name for peer in others.values() for name, own in peer.nodes.items() for guid in own
@@ -48,8 +50,21 @@ def describe(known: Participant) -> dict[str, Any]:
         "nodes": [{"name": one.name, "address": one.address, "up": one.up} for one in nodes],
         "writers": describe_endpoints(known.writers),
         "readers": describe_endpoints(known.readers),
+        "addresses": sorted(
+            {
+                address
+                for peer in others.values()
+                if peer.answers
+                for address in list_addresses(peer)
+            }
+        ),
         "pending": sum(1 for peer in others.values() if peer.is_ros and not peer.nodes),
     }
+
+
+def list_addresses(peer: Peer) -> set[str]:
+    """Return where a participant is: where it was heard from, or what a server says of it."""
+    return peer.sources if peer.is_direct else {address for address, _ in peer.announced.meta}
 
 
 def listen(domain: Domain) -> dict[str, Any]:

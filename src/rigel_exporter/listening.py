@@ -32,14 +32,14 @@ class Listening:
     def __init__(self, half: Half, config: Config) -> None:
         """Subscribe to the topics of the configuration, and to nothing else."""
         self._half = half
-        self._named = frozenset(config.topics)
+        self._named = frozenset(() if half.counts else config.topics)
         readers: dict[str, tuple[bool, Callable[[bytes, float], None]]] = {
             _DIAGNOSTICS: (config.diagnostics, self._statuses),
             _CLOCK: (config.clock, self._time),
             _TF: (config.tf, self._take_transforms),
         }
         self._read = {topic: read for topic, (asked, read) in readers.items() if asked}
-        wanted = dict.fromkeys([*config.topics, *self._read])
+        wanted = dict.fromkeys([*sorted(self._named), *self._read])
         self._subscribers: dict[str, Subscription] = {
             topic: half.subscribe(topic, keep=_KEPT[topic] if topic in self._read else 0)
             for topic in wanted

@@ -27,16 +27,20 @@ from rigel_exporter.ros1_view import (
     look_up_nodes,
 )
 from rigel_exporter.samples import Subscription
+from rigel_inpod import rosrpc
 from rigel_inpod.rosrpc import CallFailed, Refused
 
 #: The names of all exporters begin with it; exporters are not in the metrics.
 NAME = "/ros_exporter"
-#: Seconds after which the master is asked for a node's address again, even if the node answers.
+#: Seconds after which the master is asked for a node's address again, even if the node answers; and
+#: for which an orphan may be silent.
 _FRESH = 60.0
 
 
 class Ros1:
     """A ROS 1 graph, by its master."""
+
+    counts = False
 
     def __init__(
         self, master_uri: str, *, name: str = NAME, first: Iterable[str] = (), most: int = 200
@@ -109,17 +113,20 @@ class Ros1:
 
     def _ask(self, names: Sequence[str]) -> dict[str, Replies]:
         """Return the answers of nodes: those in `names`, and those that were registered before."""
+        now = time.monotonic()
         uris = {name: place.uri for name, place in self._places.items()}
         replies = ask_nodes(uris, self._name)
         for name, answer in replies.items():
             place = self._places[name]
-            if answer.answers and (name in names or not place.pid):
-                place.pid = answer.pid
-            elif not answer.answers:
+            if answer.answers:
+                place.answered = now
+                if name in names or not place.pid:
+                    place.pid = answer.pid
+                gone = answer.pid != place.pid  # another node answers at its old address
+            else:
                 place.asked = -math.inf  # it may have moved
-        for name in replies.keys() - set(names):
-            # Another node may answer at a node's old address.
-            if not replies[name].answers or replies[name].pid != self._places[name].pid:
+                gone = place.answered + _FRESH < now  # one that is busy is not
+            if gone and name not in names:
                 del self._places[name]
         return replies
 
@@ -136,21 +143,19 @@ class Ros1:
         self, names: Sequence[str], replies: Mapping[str, Replies], views: Sequence[View]
     ) -> list[Node]:
         """Return the registered nodes, and the orphans: alive, but not registered."""
-        orphans = [name for name in self._places if name in replies and name not in names]
+        orphans = [n for n in self._places if replies[n].answers and n not in names]
+        found = [(name, replies.get(name) or Replies()) for name in [*names, *orphans]]
         return [
-            self._node(name, replies.get(name) or Replies(), views, known=name in names)
-            for name in [*names, *orphans]
+            Node(
+                name,
+                up=name in names and reply.answers,
+                registered=name in names,
+                address=self._places[name].uri if name in self._places else "",
+                missing=_count_missing(name, reply, views),
+                process=self._places[name].process if reply.answers else (),
+            )
+            for name, reply in found
         ]
-
-    def _node(self, name: str, replies: Replies, views: Sequence[View], *, known: bool) -> Node:
-        place = self._places.get(name)
-        return Node(
-            name,
-            up=known and replies.answers,
-            registered=known,
-            address=place.uri if place else "",
-            missing=_count_missing(name, replies, views),
-        )
 
     def _count(self, replies: Mapping[str, Replies]) -> None:
         for name, answer in replies.items():
@@ -224,7 +229,13 @@ class _Place:
     """A node's URI, when the master was asked for it, and its process at the registration."""
 
     def __init__(self, uri: str, asked: float, pid: str) -> None:
-        self.uri, self.asked, self.pid = uri, asked, pid
+        self.uri, self.asked, self.answered, self.pid = uri, asked, asked, pid
+
+    @property
+    def process(self) -> tuple[str, str]:
+        """The node's host, and a name of its process there: its port is another at each start."""
+        host, port = rosrpc.split(self.uri)
+        return host, f"{port} {self.pid}"
 
 
 def _hide_exporters(names: Iterable[str]) -> set[str]:

@@ -6,10 +6,11 @@ It takes in looks and makes none itself. Times are seconds since 1970.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
-from rigel_exporter.graph import Graph, Master, Node
+from rigel_exporter.graph import Graph, Master, Node, count_messages
 from rigel_exporter.metrics import Sample
 
 #: How many of each are exported at most; ros_exporter_dropped counts the rest.
@@ -37,8 +38,10 @@ class Standing:
         """
         self._expected, self._named = dict(expected), frozenset(named)
         self._workloads = {**known, **expected}
-        self._graph = Graph()
+        self._graph, self._now = Graph(), 0.0
         self._seen: dict[str, float] = {}
+        self._processes: dict[str, tuple[str, str]] = {}
+        self._restarted: Counter[str] = Counter()
         self._dropped: dict[str, int] = {}
         self._master: Master | None = None
         self._master_since = 0.0
@@ -56,6 +59,7 @@ class Standing:
             "traffic": len(graph.traffic) - len(traffic),
         }
         self._graph = graph._replace(nodes=nodes, topics=topics, traffic=traffic)
+        self._now = now
         self._remember(nodes, now)
         if graph.master and graph.master.up:
             self._meet(graph.master, now)
@@ -63,6 +67,13 @@ class Standing:
     def _remember(self, nodes: Iterable[Node], now: float) -> None:
         seen = {n.name: now for n in nodes if not _ANONYMOUS.search(n.name)}
         self._seen = {n: when for n, when in self._seen.items() if when + REMEMBERED > now} | seen
+        processes = {node.name: node.process for node in nodes if node.process}
+        for name in processes.keys() & seen.keys():
+            old, new = self._processes.get(name, processes[name]), processes[name]
+            # At another address it is in another pod: an update has replaced it.
+            self._restarted[name] += old != new and old[0] == new[0]
+            self._processes[name] = new
+        self._processes = {n: one for n, one in self._processes.items() if n in self._seen}
 
     def _meet(self, master: Master, now: float) -> None:
         """Record a master; another process, or another run, is another master.
@@ -104,10 +115,15 @@ class Standing:
 
     def _sample_node(self, node: Node) -> Iterator[Sample]:
         labels = {"ros_node": node.name, "workload": self._workloads.get(node.name, "")}
-        yield Sample("ros_node_up", node.up, labels)
+        discovered = node.registered or node.name not in self._expected  # of another domain
+        yield Sample("ros_node_up", node.up and discovered, labels)
         yield Sample("ros_node_registered", node.registered, labels)
         if self._graph.master:
             yield Sample("ros_node_missing_registrations", node.missing, labels)
+        if node.name in self._processes:
+            yield Sample("ros_node_restarts_total", self._restarted[node.name], labels)
+        if node.stands is not None:
+            yield Sample("ros_node_turn_age_seconds", node.stands, labels)
 
     def _sample_topics(self) -> Iterator[Sample]:
         for topic in self._graph.topics:
@@ -117,7 +133,31 @@ class Standing:
         for part in self._graph.traffic:
             labels = {"ros_node": part.node, "topic": part.topic, "direction": part.direction}
             yield Sample("ros_node_topic_messages_total", part.messages, labels)
-            yield Sample("ros_node_topic_bytes_total", part.size, labels)
+            if part.matched is None or part.size:
+                yield Sample("ros_node_topic_bytes_total", part.size, labels)
+            if part.matched is not None:
+                yield Sample("ros_node_topic_partners", part.matched, labels)
+                yield Sample("ros_node_topic_refused_total", part.refused, labels)
+                yield Sample("ros_node_topic_dropped_total", part.dropped, labels)
+            if part.silence is not None:
+                yield Sample("ros_node_topic_longest_gap_seconds", part.gap, labels)
+            if part.silence is not None and part.direction == "received":
+                labels = {"ros_node": part.node, "topic": part.topic}
+                yield Sample("ros_node_topic_age_seconds", part.age, labels)
+        yield from self._sample_named()
+
+    def _sample_named(self) -> Iterator[Sample]:
+        """Yield what nodes counted on named topics: publishers, or else subscribers."""
+        for topic in sorted(self._named):
+            heard = [p for p in self._graph.traffic if p.topic == topic and p.matched is not None]
+            sent = [part for part in heard if part.direction == "published"]
+            silences = [part.silence for part in sent or heard if part.silence is not None]
+            total = count_messages(heard)
+            if total is not None:
+                yield Sample("ros_topic_messages_total", total, {"topic": topic})
+            if silences:
+                last = self._now - min(silences)
+                yield Sample("ros_topic_last_message_timestamp_seconds", last, {"topic": topic})
 
 
 def _take_first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:

@@ -10,30 +10,43 @@ Probes: the startup and the readiness probe.
 ready.sh       finds a Python, and runs one of the next two
 ready.py       ROS 1: are the nodes of this container registered, and do they answer?
 dds_ready.py   DDS and zenoh: do its processes take part, and read what they are sent? (3.6)
+rmw_ready.py   ROS 2: does the node exist, turn its executor, and work? (3.6)
 memory.py      what earlier probes found
 progress.py    what a script beside the node has done, for the probe
 container.py   the container's processes and ports
 rosrpc.py      XML-RPC to masters and nodes, quick to start; the exporter uses it too
 
-The DDS check, sent into a pod and not mounted (discovery/looks.py), 3.6:
+DDS' protocol, for the probe and the exporter (3.6):
 
-dds.py         what DDS looks like from inside this pod
-dds_standin.py a participant for a few seconds
-dds_local.py   the container's own participants; mounted for the probe as well
-rtps.py, spdp.py, interfaces.py   the protocol, what participants announce, the network's
-               interfaces; probe and exporter use them too, spdp.py is not mounted
+dds_local.py   the container's own participants
+rtps.py, interfaces.py, spdp.py   the protocol, the network's interfaces, what participants
+               announce; spdp.py is the exporter's alone, and not mounted
 
 Starting, beside a node, stopping, entering:
 
+python.sh                  becomes the Python of a program of ROS
 start.sh, start.py         complete the command line, with
 substitution.py, rosparameters.py   `$(find ...)`, and parameters of files
 globalparameters.py        sets the job's global parameters
-beside.sh                  starts one of the next four and becomes the node's program
+beside.sh                  starts one of the next three and becomes the node's program
 nodelets.py, components.py load `components` in ROS 1 and 2, with loading.py
 transitions.py             makes the transitions of `lifecycle` (3.6)
-lifecycle.sh, lifecycle.py hand a lifecycle node over (3.6)
+join.py                    carries the frames of a program on another computer
+dev.sh                     starts the node's program again when its files have changed
 stop.sh                    the preStop hook: SIGINT to every ROS process
 exec.sh, rc.sh             give a command, or an interactive bash, the node's environment
+
+Bags, in the pod of `record`:
+
+record.sh, record.py       run the image's recorder, keep the limit, repair what was not closed
+blackbox.py                keeps the bags around a fault that the exporter sees
+
+ROS 2's layer, a library in the node's processes (rigel_rmw):
+
+rmw.sh         starts a program with it, and the keeper beside it
+keeper.py, handover.py     agree with the workload's other pods which of them works (3.6)
+rates.py       how often the node publishes where that counts (3.6)
+rmw_notes.py   reads what it notes, and sets what the processes may do (3.6)
 
 roscore:
 
@@ -54,23 +67,33 @@ MOUNT_PATH = "/rigel-k8s"
 
 _NAMES = (
     "beside.sh",
+    "blackbox.py",
     "components.py",
     "container.py",
     "dds_local.py",
     "dds_ready.py",
+    "dev.sh",
     "exec.sh",
     "globalparameters.py",
+    "handover.py",
     "interfaces.py",
+    "join.py",
     "keep.sh",
-    "lifecycle.py",
-    "lifecycle.sh",
+    "keeper.py",
     "loading.py",
     "memory.py",
     "nodelets.py",
     "progress.py",
+    "python.sh",
+    "rates.py",
     "rc.sh",
     "ready.py",
     "ready.sh",
+    "record.py",
+    "record.sh",
+    "rmw.sh",
+    "rmw_notes.py",
+    "rmw_ready.py",
     "roscore.py",
     "roscore.sh",
     "rosparameters.py",

@@ -5,6 +5,7 @@ share an address, the listening process shows whose participant it is.
 Contract: reads only; of RTPS it uses only the ports (rtps.py).
 """
 
+import time
 from struct import pack
 
 import container
@@ -15,7 +16,9 @@ try:
 except ImportError:  # not CPython
     import socket
 
+GLANCE = 0.001  # seconds until a second look at a socket's queue; then twice as long each time
 STOPPED = "Tt"  # a process' state: by a signal, by a debugger
+DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by a user of this pod
 
 
 class Process(object):
@@ -32,6 +35,14 @@ class Process(object):
         self.pid, self.domain, self.sockets = pid, domain, sockets
         self.command = container.command(pid) if pid else ""
         self.stopped = bool(pid) and state(pid) in STOPPED
+
+    def find_unicast(self):
+        """Return the sockets where a single participant receives announcements.
+
+        The next port is where it receives data: a socket for sending may have any single port.
+        """
+        ports = {s.port for s in self.sockets}
+        return [s for s in self.sockets if _is_unicast(s.port) and s.port + 1 in ports]
 
     def __str__(self):
         return "process %d (%s)" % (self.pid, self.command) if self.pid else "a process"
@@ -60,9 +71,27 @@ def participants(also=()):
     return found
 
 
-def waiting(inode):
-    """Return the bytes that wait in a UDP socket, None if it is closed."""
-    return next((s.waiting for s in udp_sockets() if s.inode == inode), None)
+def residents(also=()):
+    """Return those participants that the container's own command has started; args as above."""
+    found, visitors = participants(also), container.visitors()
+    return [p for p in found if p.pid not in visitors and DAEMON not in p.command]
+
+
+def is_read(inode, seconds):
+    """Whether the queue of a UDP socket becomes empty in this time, or once becomes shorter.
+
+    One that is sent much may always have something to read.
+    """
+    until, pause, before = time.time() + seconds, GLANCE, 0
+    while True:
+        waiting = next((s.waiting for s in udp_sockets() if s.inode == inode), 0)
+        if not waiting or waiting < before:
+            return True
+        if time.time() > until:
+            return False
+        before = waiting
+        time.sleep(pause)
+        pause *= 2
 
 
 def udp_sockets():
@@ -94,22 +123,19 @@ def _domains(ports):
     """Return the domains of a process: a port that the system chose may lie in a domain's range.
 
     So two ports are needed: the announcements' port and another one of the domain, or the pair of
-    ports that a participant has for itself.
+    ports that a participant has for itself. With the former, such a pair in another domain is there
+    by chance.
     """
     offsets = {}
     for port in ports:
         offsets.setdefault(rtps.domain_of(port), set()).add((port - 7400) % 250)
     offsets.pop(None, None)
-    return sorted(domain for domain, found in offsets.items() if _is_participant(found))
+    announced = [d for d, found in offsets.items() if 0 in found and len(found) > 1]
+    paired = {rtps.domain_of(p) for p in ports if _is_unicast(p) and p + 1 in ports}
+    return sorted(announced or paired - {None})
 
 
-def _is_participant(offsets):
-    pair = any(o >= 10 and o % 2 == 0 and o + 1 in offsets for o in offsets)
-    return pair or (0 in offsets and len(offsets) > 1)
-
-
-def is_unicast(port):
-    """Whether a port is one where a single participant receives announcements."""
+def _is_unicast(port):
     offset = (port - 7400) % 250
     return port >= 7400 and offset >= 10 and offset % 2 == 0
 

@@ -6,14 +6,16 @@ All this is visible inside the pod; no other participant is needed, so no pod wa
     dds_ready.py dds [--domain N] [--interface NAME] [--wait SECONDS]    any domain without N
     dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
     dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
-        dds_ready.py ... --lifecycle /NODE      and this node is active, or waits to take over
+        dds_ready.py ... --node /NODE           and this node exists (ROS 2, see below)
         dds_ready.py ... --transitions /NODE    and the transitions of this node are made
         dds_ready.py ... --components /NODE     and the components of this node are loaded
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output has the
 cause: the kubelet makes it the probe event's message. It sends one packet to each of the
 container's own participants, which they must ignore, and sees in /proc whether they read it; none
-leaves the pod. Python 3.6 and newer, nothing but the standard library.
+leaves the pod. With RIGEL_RMW, the directory of the layer's notes (rmw.sh), it asks more: the node
+exists, and its executor turns; with RIGEL_K8S_PEERS, too, its pod works, and does not wait to take
+over. Python 3.6 and newer, nothing but the standard library.
 """
 
 import os
@@ -31,15 +33,12 @@ except ImportError:  # not CPython
     import socket
 
 READS = 8.0  # seconds that a participant has to read what it was sent; a busy machine needs some
-GLANCE = 0.001  # seconds until a second look at its queue; then twice as long each time
 TICK = 0.2  # seconds between two looks while waiting
 #: The script that works beside a node, by the option that requests it.
 BESIDE = {
-    "--lifecycle": "lifecycle.py",
     "--transitions": "transitions.py",
     "--components": "components.py",
 }
-DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by a user of this pod
 
 
 class NotReady(Exception):
@@ -53,13 +52,14 @@ class Arguments(object):
         """Raise ValueError if they are wrong."""
         self.kind, words = words[0] if words else "", words[1:]
         values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
-        known = {"--domain", "--interface", "--port", "--wait", *BESIDE}
+        known = {"--domain", "--interface", "--node", "--port", "--wait", *BESIDE}
         if self.kind not in ("dds", "zenoh") or len(words) % 2 or set(values) - known:
             usage = "dds|zenoh [--domain N|--port N] [--interface NAME] [--wait SECONDS]"
-            raise ValueError(usage + " [--lifecycle|--transitions|--components /NODE]")
+            raise ValueError(usage + " [--node|--transitions|--components /NODE]")
         self.domain = int(values["--domain"]) if "--domain" in values else None
         self.port = int(values["--port"]) if "--port" in values else None
         self.interface = values.get("--interface")
+        self.node = values.get("--node")
         self.beside = [(script, values[key]) for key, script in BESIDE.items() if key in values]
         self.wait = float(values.get("--wait", 0))
         if self.kind == "zenoh" and self.port is None:
@@ -71,6 +71,14 @@ def look(arguments):
     if arguments.interface:
         check_interface(arguments.interface)
     lines = [check_zenoh(arguments.port)] if arguments.kind == "zenoh" else look_dds(arguments)
+    directory = os.environ.get("RIGEL_RMW")
+    if directory:
+        import rmw_ready  # other pods do not need it
+
+        try:
+            lines += rmw_ready.look(directory, arguments.node, "RIGEL_K8S_PEERS" in os.environ)
+        except rmw_ready.NotReady as why:
+            raise NotReady(str(why))
     if arguments.beside:
         import progress  # other nodes do not need it
 
@@ -108,9 +116,7 @@ def check_interface(name):
 
 def own(domain, port):
     """Return the container's processes that take part."""
-    found = dds_local.participants([port] if port else ())
-    visitors = container.visitors()
-    found = [p for p in found if p.pid not in visitors and DAEMON not in p.command]
+    found = dds_local.residents([port] if port else ())
     if port:
         wanted = [process for process in found if process.domain is None]
         if not wanted:
@@ -133,8 +139,8 @@ def check_process(process, port):
     """Check that a process runs, and reads what is sent to its participants."""
     if process.stopped:
         raise NotReady("%s is stopped by a signal" % process)
-    sockets = [s for s in process.sockets if s.port == port or dds_local.is_unicast(s.port)]
-    domain = [s for s in sockets if s.port == port or rtps.domain_of(s.port) == process.domain]
+    domain = [s for s in process.sockets if s.port == port]
+    domain += [s for s in process.find_unicast() if rtps.domain_of(s.port) == process.domain]
     group = rtps.announcement_port(process.domain or 0)
     for found in domain or [s for s in process.sockets if s.port == group]:
         if not reads(found):
@@ -146,15 +152,9 @@ def reads(found):
     """Whether a process reads what is sent to a socket."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     target = "127.0.0.1" if found.address == "0.0.0.0" else found.address
-    mouth.sendto(rtps.beacon(os.urandom(12), ""), (target, found.port))
+    mouth.sendto(rtps.beacon(os.urandom(12)), (target, found.port))
     mouth.close()
-    until, pause = time.time() + READS, GLANCE
-    while dds_local.waiting(found.inode):
-        if time.time() > until:
-            return False
-        time.sleep(pause)
-        pause *= 2
-    return True
+    return dds_local.is_read(found.inode, READS)
 
 
 def check_zenoh(port):

@@ -15,27 +15,28 @@ NAME = ".rigel-k8s-progress"
 LOGS = "/rigel-k8s-logs"  # every pod of ROS 2 can write there
 FILES = tuple(os.path.join(d, NAME) for d in (LOGS, os.environ.get("TMPDIR") or "/tmp", "/dev/shm"))
 
-#: Steps that count as ready, and those after which the script has ended.
-READY = ("waits", "active", "done")
-FINAL = ("active", "done")
+#: Steps that count as ready, and the one after which the script has ended.
+READY = ("done", "works")
+FINAL = ("done",)
 
 
 class Progress(object):
     """What a script has reached.
 
     Attributes:
-        step: starts, waits, loads, activates, failed, active or done.
+        step: starts, loads, activates, failed or done; a keeper's: starts, standby, works or left.
         line: the same as a sentence.
         token: what the script needs to read back.
         pid: the script's process.
+        files: the first of them that can be written keeps it.
     """
 
-    def __init__(self, step="", line="", token="", pid=0):
-        self.step, self.line, self.token, self.pid = step, line, token, pid
+    def __init__(self, step="", line="", token="", pid=0, files=None):
+        self.step, self.line, self.token, self.pid, self.files = step, line, token, pid, files
 
     def report(self):
         """Save it and log it, unless it is the same as before."""
-        last = Progress.load()
+        last = Progress.load(self.files)
         if last is None or (last.step, last.line) != (self.step, plain(self.line)):
             self.save()
             sys.stdout.write("[rigel-k8s] %.3f %s\n" % (time.time(), plain(self.line)))
@@ -44,12 +45,12 @@ class Progress(object):
     def save(self):
         """Write it where this container can write."""
         words = (self.step, plain(self.line), self.token, self.pid)
-        container.save_words(FILES, [words])
+        container.save_words(self.files or FILES, [words])
 
     @classmethod
-    def load(cls):
+    def load(cls, files=None):
         """Return what was written since the container started, None if nothing was."""
-        for step, line, token, pid in container.load_words(FILES):
+        for step, line, token, pid in container.load_words(files or FILES):
             return cls(step, line, token, int(pid))
         return None
 
@@ -59,13 +60,14 @@ def plain(text):
     return str(" ".join(text.split()).encode("ascii", "replace").decode("ascii"))
 
 
-def describe(script, name):
+def describe(script, name, files=None):
     """Return (whether the script has done what readiness waits for, its progress).
 
     Args:
         script: its file; name: the full ROS name of the node that it works for.
+        files: where it keeps its progress, if not in FILES.
     """
-    found = Progress.load()
+    found = Progress.load(files)
     if found is None:
         return False, "%s has not started yet for %s" % (script, name)
     if found.step not in FINAL and not os.path.isdir("/proc/%d" % found.pid):

@@ -10,7 +10,7 @@
 # Without such a process, it sources the distribution's own setup. If there is a discovery server,
 # tools here become super clients: the server sends others only what concerns their own topics.
 # RIGEL_K8S_EXEC marks what is started from here: the readiness probe (container.py) must not take a
-# tool for one of the pod's nodes.
+# tool for one of the pod's nodes. The layer (rmw.sh) is for the node alone: it is taken out again.
 # Needs sh and tr; sets nothing but exported variables.
 
 unset PROMPT_COMMAND
@@ -72,6 +72,12 @@ if _rigel_find; then
 elif [ -r "/opt/ros/${ROS_DISTRO:-}/setup.sh" ]; then
   . "/opt/ros/$ROS_DISTRO/setup.sh"
 fi
+case ${LD_PRELOAD:-} in /rigel-k8s/rmw-*.so*)
+  LD_PRELOAD=${LD_PRELOAD#/rigel-k8s/rmw-*.so}
+  LD_PRELOAD=${LD_PRELOAD#:}
+  [ -n "$LD_PRELOAD" ] || unset LD_PRELOAD
+  ;;
+esac
 if [ $$ != 1 ]; then export RIGEL_K8S_EXEC=1; fi
 if [ -n "${ROS_DISCOVERY_SERVER:-}" ]; then export ROS_SUPER_CLIENT=TRUE; fi
 unset -f _rigel_read _rigel_get _rigel_find _rigel_take

@@ -57,28 +57,9 @@ def domain_of(port):
     return domain if 0 <= domain <= 232 else None
 
 
-def beacon(prefix, text):
-    """Return a message that every participant must ignore (8.3.4.1), and that carries a text."""
-    body = padded(text.encode())
-    return header(prefix, UNKNOWN) + pack("<BBH", BEACON, LITTLE, len(body)) + body
-
-
-def beacon_text(message):
-    """Return the text of a beacon, None if the message is not one of ours."""
-    for kind, _, body in submessages(message):
-        if kind == BEACON and message[6:8] == UNKNOWN:
-            return body.rstrip(b"\0").decode("utf-8", "replace")
-    return None
-
-
-def addressee(message):
-    """Return the prefix of the participant that a message is for, None if it is for any."""
-    return next((body for kind, _, body in submessages(message) if kind == INFO_DST), None)
-
-
-def vendor_name(raw):
-    """Return the name of an implementation's vendor, from the two bytes of a header."""
-    return VENDORS.get(raw[0] << 8 | raw[1], "vendor " + raw.hex())
+def beacon(prefix):
+    """Return a message that every participant must ignore (8.3.4.1)."""
+    return header(prefix, UNKNOWN) + pack("<BBH", BEACON, LITTLE, 0)
 
 
 def submessages(message):

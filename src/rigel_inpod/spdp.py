@@ -1,17 +1,14 @@
 """What a DDS participant announces of itself (SPDP), read and written as parameter lists.
 
-Why: the stand-in in a pod and the exporter both announce themselves and read others. The probe does
-neither, so it does not load this. Bytes in, plain data out; no socket, no clock. DDSI-RTPS 2.5:
-8.5.3 and 9.6.3. Python 3.6 and newer, nothing but the standard library.
+Why: the exporter announces itself and reads others. The probe does neither, so it does not load
+this. Bytes in, plain data out; no socket, no clock. DDSI-RTPS 2.5: 8.5.3 and 9.6.3. Python 3.6 and
+newer, nothing but the standard library.
 """
 
 from struct import error, pack, unpack_from
 from typing import NamedTuple, Optional, Tuple
 
-if __package__:
-    from . import rtps
-else:  # mounted in a pod, where the scripts lie side by side
-    import rtps
+from . import rtps
 
 PID_LEASE, PID_DOMAIN, PID_VERSION, PID_VENDOR = 0x0002, 0x000F, 0x0015, 0x0016
 PID_USER_DATA, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x002C, 0x0031, 0x0032
@@ -125,29 +122,6 @@ def participant(payload):
         lease=float(lease[0]) if lease[0] >= 0 else 1e9,
         endpoints=found.get(PID_ENDPOINTS, "I", (0,))[0],
     )
-
-
-def announced(message):
-    """Return (who it is, whether it leaves) of each announcement in a message.
-
-    Raises:
-        rtps.Malformed: it is not an RTPS message.
-    """
-    try:
-        return [
-            _announcement(message, *rtps.read_data(body, flags))
-            for kind, flags, body in rtps.submessages(message)
-            if kind == rtps.DATA and body[8:12] == rtps.SPDP_WRITER
-        ]
-    except (error, IndexError):
-        raise rtps.Malformed("an announcement is longer than its message")
-
-
-def _announcement(message, writer, number, payload, status, key):
-    if not status:
-        return participant(payload)._replace(vendor=message[6:8]), False
-    guid = Parameters(payload).raw(PID_GUID) if payload else key
-    return Announcement((guid or message[8:20])[:12], message[6:8]), True
 
 
 def announcement(own):

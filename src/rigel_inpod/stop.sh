@@ -13,31 +13,30 @@
 # (default 8) SIGTERM. The script waits for all but process 1 and what that launched, unless process 1
 # ignores SIGTERM (a shell, roscpp): then it continues in the background, since the end of process 1 ends
 # this script too, and Kubernetes reports that as a failed hook.
-# If RIGEL_K8S_WORKLOAD is set, the script first hands the names of the nodes over to the pod that waits
-# for them (ready.py leave); that pod has a quarter of SECONDS to become ready. Gate and master end those
-# nodes then. They get half a second for it, in which others find the new publishers. If
-# RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), within half of SECONDS;
-# what it has sent still arrives. If RIGEL_K8S_TRANSITIONS is set, it holds a node and the transitions
-# that it makes first (transitions.py stop), within the same time.
+# In a pod that hands over, its work is handed over first, if another pod waits for it. ROS 2: with
+# RIGEL_K8S_PEERS by the keeper (keeper.py leave), which waits at most RIGEL_K8S_DRAIN seconds for goals
+# of actions to end, in addition to SECONDS; the keeper itself is left alone until the container ends.
+# ROS 1: with RIGEL_K8S_WORKLOAD by the gate (ready.py leave); the other pod has a quarter of SECONDS to
+# become ready. Gate and master end the nodes then, and others get half a second to find the new ones.
+# If nothing was handed over and RIGEL_K8S_TRANSITIONS is set, it holds a node and the transitions that it
+# makes first (transitions.py stop), within half of SECONDS: with two nodes of its name, both would.
 # Needs sh, sleep, tr and /proc.
 
-if [ -n "$RIGEL_K8S_WORKLOAD" ]; then
-  if /bin/sh "${0%/*}/ready.sh" leave --wait $((${1:-8} / 4)); then
-    sleep 0.5 2>/dev/null || sleep 1
-  fi
+here=${0%/*} handed=
+if [ -n "$RIGEL_K8S_PEERS" ]; then
+  if python3 -S -E -B "$here/keeper.py" leave --wait "${RIGEL_K8S_DRAIN:-300}"; then handed=1; fi
+elif [ -n "$RIGEL_K8S_WORKLOAD" ]; then
+  if /bin/sh "$here/ready.sh" leave --wait $((${1:-8} / 4)); then handed=1; fi
+fi
+if [ -n "$handed" ]; then
+  sleep 0.5 2>/dev/null || sleep 1
 elif [ -n "$RIGEL_K8S_TRANSITIONS" ]; then
-  here=${0%/*}
   # The words are split on purpose: the node and its transitions.
   /bin/sh "$here/exec.sh" python3 -B "$here/transitions.py" stop $((${1:-8} / 2)) $RIGEL_K8S_TRANSITIONS
-elif [ -n "$RIGEL_K8S_LIFECYCLE" ]; then
-  here=${0%/*}
-  if /bin/sh "$here/exec.sh" python3 -B "$here/lifecycle.py" leave --wait $((${1:-8} / 2)); then
-    sleep 0.5 2>/dev/null || sleep 1
-  fi
 fi
 bound=$((${1:-8} * 10))
 patience=15 # tenths of a second
-classified=' ' cores=' ' launches=' ' interrupted=' ' warned=' '
+classified=' ' keepers=' ' cores=' ' launches=' ' interrupted=' ' warned=' '
 
 # Whether $2 is one of the words of $1, a list with blanks around each word.
 has() {
@@ -58,13 +57,15 @@ group() {
   { while IFS= read -r line; do cgroup="$cgroup$line|"; done <"/proc/$1/cgroup"; } 2>/dev/null
 }
 
-# Notes once whether process $1 is a roscore or launches others: `[python] PATH/roslaunch ...`, or
-# `[python] PATH/ros2 launch ...`.
+# Notes once whether process $1 is the keeper (or rmw.sh, which starts it again), a roscore, or launches
+# others: `[python] PATH/roslaunch ...`, or `[python] PATH/ros2 launch ...`.
 classify() {
   has "$classified" "$1" && return
   classified="$classified$1 "
+  command=$({ tr '\0' ' ' <"/proc/$1/cmdline"; } 2>/dev/null)
+  case $command in *" $here/keeper.py "* | *" $here/rmw.sh "*) keepers="$keepers$1 " && return ;; esac
   before=
-  for word in $({ tr '\0' ' ' <"/proc/$1/cmdline"; } 2>/dev/null); do
+  for word in $command; do
     case $before${word##*/} in
       python*) continue ;;
       ros2) before='ros2 ' && continue ;;
@@ -94,6 +95,7 @@ list() {
     group "$pid"
     [ "$cgroup" = "$home" ] || continue
     classify "$pid"
+    has "$keepers" "$pid" && continue
     all="$all $pid"
   done
 }

@@ -17,6 +17,7 @@ import attrs
 from rigel_k8s.distros import DISTROS
 
 if TYPE_CHECKING:
+    from rigel_k8s.app.files import Folder
     from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
     from rigel_k8s.app.parameters import ParameterOptions
     from rigel_k8s.app.programs import Command
@@ -63,14 +64,16 @@ class Texts:
     """What objects contain of files, by name.
 
     Attributes:
-        scripts: the in-pod scripts.
-        files: parameter files, by their names in the Rigelfile.
+        scripts: the in-pod scripts; libraries: those that are loaded into ROS 2's processes.
+        files: parameter files, by their names in the Rigelfile; folders: what nodes mount, too.
         program: that of the generation's companions.
     """
 
     scripts: Mapping[str, str] = attrs.field(factory=dict)
     files: Mapping[str, str] = attrs.field(factory=dict)
     program: Mapping[str, str] = attrs.field(factory=dict)
+    libraries: Mapping[str, bytes] = attrs.field(factory=dict)
+    folders: Mapping[str, Folder] = attrs.field(factory=dict)
 
 
 @attrs.frozen(kw_only=True)
@@ -137,7 +140,8 @@ class Generation:
         bind: objects, with marks that restart pods when something changes that they read once.
         remedies: what to do if objects may not be written, by their kind.
 
-        read_graph: the live graph, by the release's pods and their places in DDS.
+        read_graph: the live graph, by the release's pods, their places in DDS, and the seconds for
+            which rates are measured at most; 0 for no rates.
         read_gate: what arbitrates between nodes of one name; None: nothing does in this release.
         starter: the words of the Rigelfile that `rigel init` writes; empty if it writes none.
     """
@@ -182,7 +186,7 @@ class Generation:
     bind: Callable[[Sequence[Manifest]], Sequence[Manifest]] = lambda made: made
     remedies: Callable[[Sequence[Object]], Mapping[str, str]] = lambda made: {}
 
-    read_graph: Callable[[Cluster, Sequence[GraphPod], Sequence[Member]], RosGraph]
+    read_graph: Callable[[Cluster, Sequence[GraphPod], Sequence[Member], float], RosGraph]
     read_gate: Callable[[Cluster, ReleaseId], GateStatus | None] = lambda *_: None
     starter: Mapping[str, str] = attrs.field(factory=dict)
 

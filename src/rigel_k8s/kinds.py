@@ -33,6 +33,10 @@ PODS: Mapping[str, Kind] = {
         "restart the pod; with `gate: true` roscore"
         " [gets its registrations back](ros1.md#when-roscore-ends)",
     ),
+    "waits": Kind(
+        "the new pod runs, and waits to take over from the old one, whose goals must end first",
+        "wait, or set a shorter `drain` in `update`; see [updates](ros2-updates.md)",
+    ),
 }
 
 #: What `kubectl get pods` shows of a pod that does not run.

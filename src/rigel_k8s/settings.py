@@ -28,6 +28,8 @@ class Settings:
         adopt: take over fields that another field manager owns.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         rollback_on_failure: go back to the last good revision if a roll-out fails.
+        now: do not wait until the robot is idle.
+        tests: deploy nodes of `kind: test`, without pods.
         description: what `rigel history` shows of a deploy; None: the job's name.
     """
 
@@ -39,4 +41,6 @@ class Settings:
     adopt: bool = False
     lock_timeout: float | None = None
     rollback_on_failure: bool = False
+    now: bool = False
+    tests: bool = False
     description: str | None = None

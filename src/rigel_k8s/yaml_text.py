@@ -53,6 +53,19 @@ def document(content: Mapping[str, Any] | Sequence[Any]) -> str:
     return write([content], explicit=False)
 
 
+def write_value(value: Any, *, flow: bool = False) -> str:
+    """Return a value of ROS as PyYAML writes it, without a line end; lists in a line if `flow`."""
+    text: str = yaml.dump(
+        value,
+        Dumper=Dumper,
+        default_flow_style=flow,
+        sort_keys=False,
+        allow_unicode=True,
+        width=1 << 30,
+    )
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
 def write(objects: Iterable[Mapping[str, Any] | Sequence[Any]], *, explicit: bool) -> str:
     """Return objects as YAML; `explicit`: each begins with `---`."""
     stream = StringIO()

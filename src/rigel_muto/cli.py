@@ -7,7 +7,14 @@ from typing import Any
 
 import click
 
-from rigel_k8s.cli.words import Group, choose_reporter, namespace_option, settings, warn
+from rigel_k8s.cli.words import (
+    Group,
+    choose_reporter,
+    namespace_option,
+    settings,
+    split_pair,
+    warn,
+)
 
 
 def login_options(command: Any) -> Any:
@@ -81,8 +88,8 @@ def convert(
     from rigel_muto import convert as actions
     from rigel_muto.options import Muto
 
-    given = dict(split_pair(text, "--arg", "NAME=VALUE") for text in arguments)
-    chosen = dict(split_pair(text, "--reference", "ID=FILE") for text in references)
+    given = dict(split_pair(text, "NAME=VALUE", param_hint="--arg") for text in arguments)
+    chosen = dict(split_pair(text, "ID=FILE", param_hint="--reference") for text in references)
     try:
         source = Muto(stack=stack, args=given, references=chosen, **options)
     except ValueError as error:
@@ -176,11 +183,3 @@ def agent(
     access = Access(token, user, password)
     with choose_reporter(ctx) as report:
         run(Agent(access=access, allowance=allowance, **options), settings(ctx), report)
-
-
-def split_pair(text: str, option: str, form: str) -> tuple[str, str]:
-    """Return both parts of `NAME=VALUE`."""
-    name, sign, value = text.partition("=")
-    if not name or not sign:
-        raise click.BadParameter(f'"{text}" is not {form}', param_hint=option)
-    return name, value

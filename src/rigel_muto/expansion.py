@@ -10,9 +10,8 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile.expansion import Expanded, Extension, Surroundings
-from rigel_k8s.rigelfile.fields import Field
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding, place
-from rigel_k8s.rigelfile.source import YamlNode, locate
+from rigel_k8s.rigelfile.source import YamlNode, lay_over, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.system.trust import Untrusted, require_trust
 from rigel_muto.opening import Find, Twin, open_stack
@@ -111,19 +110,6 @@ def _choose_twin(options: Muto, surroundings: Surroundings) -> Find | None:
     return ask
 
 
-def lay_over(base: YamlNode, over: YamlNode) -> YamlNode:
-    """Return a value with another one laid over it: mappings by key, where null removes a key."""
-    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
-        return over
-    merged = dict(base.value)
-    for key, value in over.value.items():
-        if key in merged and value.value is None and not value.hole:
-            del merged[key]
-        else:
-            merged[key] = lay_over(merged[key], value) if key in merged else value
-    return attrs.evolve(base, value=merged)
-
-
 def _entries_of(own: YamlNode | None) -> Mapping[str, YamlNode]:
     value: Any = own.value if own is not None else None
     return value if isinstance(value, dict) else {}
@@ -141,16 +127,9 @@ def _remark_on_further(own: Mapping[str, YamlNode], nodes: Mapping[str, YamlNode
     return remarks
 
 
-EXTENSION = Extension(
-    Field(
-        name=KEY,
-        key=KEY,
-        aliases=(),
-        type=Muto | str | None,
-        required=False,
-        default=None,
-        doc="a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its"
-        " `stack`",
-    ),
+EXTENSION = Extension.of(
+    KEY,
+    Muto | str | None,
+    "a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its `stack`",
     expand,
 )

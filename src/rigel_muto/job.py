@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.application import flat
 from rigel_k8s.app.deploying.target import release_key, release_of
 from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.generation import GENERATIONS
@@ -102,17 +103,20 @@ def check_deployed_job(options: MutoAgent, jobs: Mapping[str, ComponentSpec]) ->
         )
         yield Problem(("job",), message, "agent-job")
     yield from check_fit(options, spec.name, keys)
-    if any(find_values(keys, "parameter_files")):
-        message = (
-            f"the job {spec.name} has parameter_files, which the agent's pod does not have:"
-            " write `parameters` instead"
-        )
-        yield Problem(("job",), message, "agent-job")
+    nodes = flat(keys).get("nodes")
+    mounted = isinstance(nodes, dict) and any("files" in (one or {}) for one in nodes.values())
+    for key, instead, found in (
+        ("parameter_files", "`parameters`", any(find_values(keys, "parameter_files"))),
+        ("files", "`volumes`", mounted),
+    ):
+        if found:
+            message = f"the job {spec.name} has {key}, which the agent's pod does not have"
+            yield Problem(("job",), f"{message}: write {instead} instead", "agent-job")
 
 
 def check_fit(options: MutoAgent, job: str, keys: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield what the agent would do otherwise than `rigel run job` with the same job."""
-    own = {**keys.get("orchestration", {}), **keys}
+    own = flat(keys)
     namespace, image = str(own.get("namespace") or ""), str(own.get("image") or "")
     other = namespace != str(options.namespace or "") and not has_template(namespace)
     if namespace and other:

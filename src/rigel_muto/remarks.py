@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import attrs
 
 from rigel_k8s.problems import Path
-from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.findings import Finding, make_finding, name_nearest
 from rigel_k8s.rigelfile.source import YamlNode
 
 
@@ -65,9 +65,7 @@ def loss(
 
 def describe_unknown(key: str, what: str, known: Iterable[str]) -> str:
     """Return the message about a key without a meaning; `what` has it: "a node"."""
-    near = find_nearest(key, known)
-    meant = f', did you mean "{near}"?' if near else ""
-    return f'unknown key "{key}" of {what} is not carried over{meant}'
+    return f'unknown key "{key}" of {what} is not carried over{name_nearest(key, known)}'
 
 
 def list_findings(remarks: Iterable[Remark], *, strict: bool) -> Iterator[Finding]:

@@ -7,7 +7,8 @@ import os
 import subprocess
 import sys
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,29 @@ def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
     return str(done.stdout.decode())
 
 
+def pod_uids(cluster: Any, namespace: str) -> dict[str, str]:
+    """Return the UID of each workload's only pod that is not being deleted."""
+    found: dict[str, str] = {}
+    for pod in cluster.list("v1", "Pod", namespace):
+        name = pod["metadata"]["labels"]["app.kubernetes.io/name"]
+        if "deletionTimestamp" not in pod["metadata"]:
+            assert name not in found, f"two pods of {name}"
+            found[name] = pod["metadata"]["uid"]
+    return found
+
+
+def write_idle(
+    directory: Path, namespace: str, registry: str, nodes: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Write a Rigelfile with nodes that wait, without ROS, each with these further options."""
+    wait = ["sh", "-c", "trap 'exit 0' INT TERM; while :; do sleep 0.1; done"]
+    idle = {name: {"command": wait, "ros": "none", **more} for name, more in nodes.items()}
+    options = {"image": f"{registry}/rigel-k8s/busybox:1", "namespace": namespace, "nodes": idle}
+    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": {**options, "network": "peers"}}
+    whole = {"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}
+    (directory / "Rigelfile").write_text(yaml.safe_dump(whole))
+
+
 def wait_for_account(cluster: Any, namespace: str) -> None:
     """Wait until a new namespace has the account that pods run as: before, pods are refused."""
     account = ObjectRef("v1", "ServiceAccount", namespace, "default")
@@ -116,6 +140,17 @@ def deployer(context: str, deployer_config: Path) -> Iterator[Any]:
 
     with connect(Settings(context=context, kubeconfig=deployer_config)) as connected:
         yield connected
+
+
+@contextmanager
+def own_namespace(cluster: Any, prefix: str) -> Iterator[str]:
+    """Make a namespace for the tests of one file, and delete it with all that is in it."""
+    name = f"{prefix}-{uuid.uuid4().hex[:6]}"
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    try:
+        yield name
+    finally:
+        cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
 @pytest.fixture

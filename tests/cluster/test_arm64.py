@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
 from rigel_k8s.settings import Settings
 from rigel_lab.cluster import components
-from tests.support import arm64
+from tests.support import arm64, layer
 from tests.support.until import until
 
 from .conftest import inside, run_rigel
@@ -40,6 +41,29 @@ DOCKERFILE = """ARG BASE_IMAGE
 ARG TARGETARCH
 FROM ${BASE_IMAGE}-${TARGETARCH}
 RUN uname -m >/built-on
+"""
+#: Its programs for arm64 are beside it.
+DOCKERFILE_OF_NODE = """ARG BASE_IMAGE
+FROM ${BASE_IMAGE}-arm64
+COPY . /robot/
+"""
+#: A ROS 2 node on a middleware in memory, since there is no package of ROS 2 for arm64. The probe
+#: looks for the ports of a participant of domain 5.
+NODE = """
+python3 -c '
+import select, socket
+sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+for port, one in enumerate(sockets, 8660):
+    one.bind(("0.0.0.0", port))
+while True:
+    for one in select.select(sockets, [], [])[0]:
+        one.recv(65536)
+' &
+(
+  echo node n /
+  echo create p /out 0
+  while sleep 0.2; do echo publish /out 1; echo wait 100; done
+) | /robot/main /robot/client.so
 """
 TALKER = ["rostopic", "pub", "--rate", "2", "/chatter", "std_msgs/String", "data: hello"]
 LISTENER = {
@@ -188,6 +212,58 @@ def test_the_exporter_measures_on_arm64(deployed: Mixed) -> None:
     talker = re.compile(r'^ros_node_up\{ros_node="/talker.*\} 1', re.M)
     what = "the exporter's metrics"
     until(lambda: talker.search(read()), what, PATIENCE, despite=(RigelK8sError, ValueError))
+
+
+def test_a_ros2_node_on_arm64_hands_over(mixed: Mixed) -> None:
+    """The library for arm64 is loaded, its keeper runs, and the new pod takes over."""
+    folder = mixed.directory / "node"
+    folder.mkdir()
+    (folder / "Dockerfile").write_text(DOCKERFILE_OF_NODE)
+    layer.build(folder, target="aarch64-linux-gnu.2.17")
+    arm = attrs.evolve(mixed, directory=folder)
+    namespace = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "arm2"}}
+    mixed.cluster.create(namespace)
+
+    def write(version: str) -> None:
+        image = f"{mixed.registry}/node"
+        build = {"image": image, "push": True, "platforms": ["linux/arm64"], "tool": "podman"}
+        build["buildargs"] = {"BASE_IMAGE": f"{mixed.registry}/ros:noetic"}
+        args, env = ["/bin/sh", "-c", NODE], {"VERSION": version}
+        node = {"args": args, "env": env, "placement": {"node": ARM64}}
+        deploy = {"namespace": "arm2", "image": image, "nodes": {"n": node}}
+        deploy["network"] = {"mode": "peers", "domain_id": 5}
+        jobs = {
+            "build": {"plugin": "rigel_k8s.BuildXPlugin", "with": build},
+            "deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": deploy},
+        }
+        text = yaml.safe_dump({"application": {"distro": "jazzy"}, "jobs": jobs})
+        (folder / "Rigelfile").write_text(text)
+
+    def deploy(version: str) -> None:
+        write(version)
+        for one in yaml.safe_load_all(arm.rigel("render", "deploy").stdout):
+            if one["kind"] == "Deployment":  # privileged by an option, it would be stopped first
+                one["spec"]["template"]["spec"]["containers"][0] |= PRIVILEGED
+            mixed.cluster.apply(one)
+
+    def says(word: str) -> str:
+        """Return what a pod whose keeper says a word runs, as its machine and its maps."""
+        line = ["sh", "-c", f"grep -q '{word}' $RIGEL_RMW/progress && uname -m && cat /proc/*/maps"]
+        for pod in mixed.cluster.list("v1", "Pod", "arm2"):
+            with suppress(RigelK8sError):  # it has not started yet
+                done = mixed.cluster.run("arm2", pod["metadata"]["name"], line)
+                if done.stdout:
+                    return str(done.stdout.decode())
+        return ""
+
+    write("v1")
+    arm.rigel("run", "job", "build")
+    deploy("v1")
+    until(lambda: says("^works"), "the first pod works", PATIENCE)
+    deploy("v2")
+    found = until(lambda: says("took over from"), "the second pod takes over", PATIENCE)
+    assert found.startswith("aarch64\n")
+    assert "rmw-aarch64.so" in found
 
 
 def test_an_image_without_the_machines_platform_is_refused(mixed: Mixed) -> None:

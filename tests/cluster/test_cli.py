@@ -6,9 +6,9 @@ import json
 import os
 import pty
 import re
+import signal
 import subprocess
 import sys
-import uuid
 import xmlrpc.client
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,9 +19,13 @@ import pytest
 import yaml
 
 from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_lab.images.ros1base import build
+from tests.support.recorder import Recorder
 from tests.support.until import until
 
+from ..ros1.conftest import unpack_root
 from .background import Background
+from .conftest import own_namespace
 
 pytestmark = pytest.mark.cluster
 
@@ -93,12 +97,16 @@ def robot(
     context: str, cluster: Any, base_image: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Robot]:
     """A talker and a listener, deployed once for all tests of this file."""
-    name = f"t-cli-{uuid.uuid4().hex[:6]}"
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
-    made = Robot(tmp_path_factory.mktemp("robot"), context, name, base_image)
-    made("run", "job", "deploy", "--timeout", "4m")
-    yield made
-    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+    with own_namespace(cluster, "t-cli") as name:
+        made = Robot(tmp_path_factory.mktemp("robot"), context, name, base_image)
+        made("run", "job", "deploy", "--timeout", "4m")
+        yield made
+
+
+@pytest.fixture(scope="module")
+def rootfs() -> Path:
+    """ROS 1 on a computer beside the cluster."""
+    return unpack_root(build(Recorder()))
 
 
 DOOR = r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311"
@@ -224,7 +232,7 @@ def test_logs_of_one_are_plain_and_of_many_are_told_apart(robot: Robot) -> None:
     assert not any(line.startswith("[talker]") for line in lines)
     many = robot("logs", "--tail", "2").stdout.splitlines()
     assert {line.split("]")[0] for line in many} == {"[talker", "[lab-listener", "[ros-master"}
-    timed = robot("logs", "talker", "--timestamps", "--since", "10s").stdout
+    timed = robot("logs", "talker", "--timestamps", "--since", "5m").stdout
     assert re.match(r"20\d\d-\d\d-\d\dT", timed)
 
 
@@ -245,6 +253,102 @@ def test_exec_has_ros_set_up_and_passes_the_exit_code_on(robot: Robot) -> None:
     assert robot("exec", "talker", "--", "sh", "-c", "echo no >&2; exit 7", code=7).stderr == "no\n"
     assert robot("exec", "-i", "talker", "--", "tr", "a-z", "A-Z", input="abc").stdout == "ABC"
     assert "no-such-command" in robot("exec", "talker", "--", "no-such-command", code=127).stderr
+
+
+def test_a_command_ends_with_its_caller(robot: Robot) -> None:
+    """Kubernetes leaves it alone, and one that listens to a silent topic would stay there."""
+    words = robot.command("exec", "talker", "--", "sleep", "77777")
+
+    def is_there() -> bool:
+        looked = robot(
+            "exec", "talker", "--", "sh", "-c", "cat /proc/[0-9]*/cmdline | tr '\\0' ' '"
+        )
+        return "sleep 77777" in looked.stdout
+
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as caller:
+        until(is_there, "the command")
+        caller.send_signal(signal.SIGINT)
+        assert caller.communicate(timeout=60)[1].strip() == "interrupted"
+    assert caller.returncode == 130
+    until(lambda: not is_there(), "its end")
+
+
+def test_topics_and_parameters_need_no_ros_here(robot: Robot) -> None:
+    """Messages, rates and parameters; a killed command leaves no process and no node behind."""
+    assert robot("topic", "echo", "chatter", "--once").stdout == "data: hello\n---\n"
+    (line,) = robot("topic", "list").stdout.splitlines()[1:]
+    assert line.split()[:2] == ["/chatter", "std_msgs/String"]
+    robot("param", "set", "talker", "speed", "2.5")
+    assert robot("param", "get", "/talker", "speed").stdout == "2.5\n"
+    assert "did you mean" in robot("param", "get", "talker", "sped", code=2).stderr
+    command = robot.command("topic", "echo", "/chatter")
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"data: hello\n"
+        assert "_rigel" in robot("exec", "talker", "--", "rosnode", "list").stdout
+        assert "_rigel" not in robot("graph", "-o", "json").stdout
+        process.kill()
+    until(
+        lambda: "_rigel" not in robot("exec", "talker", "--", "rosnode", "list").stdout,
+        "end of the subscriber",
+    )
+
+
+def test_a_ros1_node_in_development_is_heard_again(
+    robot: Robot, start: Callable[..., Background], tmp_path: Path
+) -> None:
+    """Its restarted program takes its name at once; no hand-over and no gate delays that."""
+    (tmp_path / "file").touch()
+    running = start("dev", "talker", "--sync", f"{tmp_path}:/tmp/developed")
+    until(lambda: running.found("said hello"), "its first message", 240)
+    (tmp_path / "file").write_text("changed")
+    until(lambda: sum("talker begins" in line for line in running.lines) == 2, "new start", 240)
+    begun = len(robot("logs", "lab/listener").stdout.splitlines())
+    until(lambda: len(robot("logs", "lab/listener").stdout.splitlines()) > begun, "message", 240)
+    assert running.interrupt() == 130
+    assert robot("diff").stdout == ""
+
+
+#: A node on another computer: hears the talker, and is heard.
+LAPTOP = """
+import rospy, std_msgs.msg
+rospy.init_node("laptop")
+publisher = rospy.Publisher("/from_laptop", std_msgs.msg.String, queue_size=1, latch=True)
+publisher.publish("hi")
+rospy.Subscriber("/chatter", std_msgs.msg.String, lambda s: print("heard", s.data, flush=True))
+rospy.spin()
+"""
+HEARS = """
+import rospy, std_msgs.msg
+rospy.init_node("asks", anonymous=True)
+print(rospy.wait_for_message("/from_laptop", std_msgs.msg.String, 60).data)
+"""
+
+
+def test_a_ros1_node_of_another_computer_joins(
+    robot: Robot, cluster: Any, start: Callable[..., Background], rootfs: Path
+) -> None:
+    """It hears and is heard; when its computer is killed, its pod ends, and the next removes it."""
+    names = f"mount --bind /etc/resolv.conf {rootfs}/etc/resolv.conf"
+    node = (
+        f'{names} && exec chroot {rootfs} env ROS_DISTRO=noetic /ros_entrypoint.sh python3 -c "$0"'
+    )
+    running = start("join", "--", "sh", "-c", node, LAPTOP)
+    until(lambda: running.found("heard hello"), "message of the talker", 240)
+    assert robot("exec", "talker", "--", "python3", "-c", HEARS).stdout == "hi\n"
+
+    def list_joined() -> dict[str, str]:
+        labels = {"app.kubernetes.io/name": "rigel-join"}
+        found = cluster.list("v1", "Pod", robot.namespace, labels=labels)
+        return {one["metadata"]["name"]: one["status"]["phase"] for one in found}
+
+    (killed,) = list_joined()
+    assert killed not in robot("status").stdout + robot("graph").stdout
+    assert "/laptop" in robot("graph").stdout
+    running.interrupt(signal.SIGKILL)
+    until(lambda: list_joined() == {killed: "Succeeded"}, "end of its pod", 60)
+    assert robot("join", "--", "sh", "-c", "exit 7", code=7).stdout == ""
+    assert list_joined() == {}
 
 
 def test_exec_gives_a_terminal(robot: Robot) -> None:
@@ -309,7 +413,8 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
         180,
     )
     assert running.interrupt() == 130
-    assert not any("Traceback" in line for line in running.lines)
+    own = "/rigel_k8s/"  # a rospy node that is killed may print a traceback, too
+    assert not any(own in line for line in running.lines)
 
 
 def test_history_and_rollback(robot: Robot) -> None:
@@ -341,14 +446,17 @@ def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> Non
         done = subprocess.run(
             robot.command("status"), capture_output=True, text=True, check=False, timeout=300
         )
-        lines = [line for line in done.stdout.splitlines() if "rollout restart" in line]
-        orphaned = done.returncode == 1 and any("talker" in line for line in lines)
+        lines = [line for line in done.stdout.splitlines() if "rigel -n" in line]
+        both = any("lab-listener talker" in line for line in lines)  # each is probed in its turn
+        orphaned = done.returncode == 1 and both
         return done if orphaned and "is an orphan" in done.stdout else None
 
     done = until(told, "word of it", 300)
     assert "is an orphan" in done.stdout
-    way_out = next(line for line in done.stdout.splitlines() if "rollout restart" in line)
-    assert f"kubectl -n {robot.namespace} rollout restart deployment" in way_out
+    way_out = next(line for line in done.stdout.splitlines() if "rigel -n" in line)
+    assert way_out.split()[:4] == ["rigel", "-n", robot.namespace, "restart"]
+    robot(*way_out.split()[3:])
+    assert robot("status").returncode == 0
     robot.write()
 
 

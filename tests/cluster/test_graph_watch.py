@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import uuid
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
+from .conftest import own_namespace
 from .robot import Robot
 
 pytestmark = pytest.mark.cluster
@@ -83,14 +82,12 @@ def robot(
     tmp_path_factory: pytest.TempPathFactory, base_image: str, rigel: Any, cluster: Any
 ) -> Iterator[Talking]:
     """A talker that publishes /chatter, and who hears it."""
-    namespace = f"t-watch-{uuid.uuid4().hex[:6]}"
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
-    made = Talking(tmp_path_factory.mktemp("robot"), namespace, base_image, rigel, cluster)
-    first = made.update("chatter")
-    assert "ROS graph" not in first.stderr, "there is nothing to compare a first deploy with"
-    made.until_talking()
-    yield made
-    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+    with own_namespace(cluster, "t-watch") as namespace:
+        made = Talking(tmp_path_factory.mktemp("robot"), namespace, base_image, rigel, cluster)
+        first = made.update("chatter")
+        assert "ROS graph" not in first.stderr, "there is nothing to compare a first deploy with"
+        made.until_talking()
+        yield made
 
 
 def test_a_harmless_update_has_nothing_to_report(robot: Talking) -> None:

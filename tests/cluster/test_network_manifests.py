@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import pytest
 import yaml
 
 from rigel_k8s.cli.main import run
-from rigel_k8s.objects.refs import ObjectRef
+
+from .conftest import own_namespace
 
 pytestmark = pytest.mark.cluster
 
@@ -36,10 +36,8 @@ def rigelfile(case: dict[str, Any]) -> str:
 @pytest.fixture(scope="module")
 def space(cluster: Any) -> Iterator[str]:
     """A namespace, in which nothing is made."""
-    name = f"t-manifests-{uuid.uuid4().hex[:6]}"
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
-    yield name
-    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+    with own_namespace(cluster, "t-manifests") as name:
+        yield name
 
 
 @pytest.mark.parametrize("file", CASES, ids=lambda file: file.name.partition(".")[0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from tests.support.policies import enforced
 from tests.support.until import until
 
+from .conftest import own_namespace
 from .robot import Robot
 
 pytestmark = pytest.mark.cluster
@@ -53,10 +53,8 @@ class Stranger(Robot):
 @pytest.fixture
 def elsewhere(cluster: Any) -> Iterator[str]:
     """Another namespace, deleted after the test."""
-    name = f"t-{uuid.uuid4().hex[:8]}"
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
-    yield name
-    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+    with own_namespace(cluster, "t") as name:
+        yield name
 
 
 def deploy_stranger(

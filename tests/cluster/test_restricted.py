@@ -114,6 +114,10 @@ def test_ros1_works_and_hands_over(
         "apps/v1", "Deployment", restricted, labels={"app.kubernetes.io/name": "talker"}
     )
     assert talker["spec"]["strategy"]["type"] == "RollingUpdate"
+    refused = robot.rigel("join", "--", "true", check=False)
+    assert refused.returncode == 1
+    assert "forbids a pod that may send frames" in refused.stderr
+    assert "hint: without that, connect single ports with `rigel forward`" in refused.stderr
 
 
 def test_without_the_key_no_pod_is_made(

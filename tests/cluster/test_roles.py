@@ -152,23 +152,20 @@ def forwards(robot: Robot, context: str, config: Path) -> bool:
     """Return whether a forwarded port is open: it is the gate's, and answers to HTTP."""
     place = ("-f", str(robot.file), "--kubeconfig", str(config), "--context", context)
     words = (*place, "-n", robot.namespace, "forward", "ros-master", ":11311")
-    running = Background([sys.executable, "-m", "rigel_k8s", *words])
+    with Background([sys.executable, "-m", "rigel_k8s", *words]) as running:
 
-    def answers() -> bool:
-        door = running.found(r"127\.0\.0\.1:(\d+) -> ")
-        if not door:
-            return False
-        try:
-            with socket.create_connection(("127.0.0.1", int(door[1])), 30) as there:
-                there.sendall(b"GET / HTTP/1.0\r\n\r\n")
-                return there.recv(4) == b"HTTP"
-        except OSError:
-            return False
+        def answers() -> bool:
+            door = running.found(r"127\.0\.0\.1:(\d+) -> ")
+            if not door:
+                return False
+            try:
+                with socket.create_connection(("127.0.0.1", int(door[1])), 30) as there:
+                    there.sendall(b"GET / HTTP/1.0\r\n\r\n")
+                    return there.recv(4) == b"HTTP"
+            except OSError:
+                return False
 
-    try:
         return bool(until(answers, "an answer through the forwarded port", 180))
-    finally:
-        running.interrupt()
 
 
 def look_as_viewer(robot: Robot, view: Callable[..., Any]) -> None:

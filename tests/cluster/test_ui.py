@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.axe import find_violations
 from tests.support.browser import Browser, Tab, find_program, run_browser
 from tests.support.until import until
 
+from .conftest import own_namespace
 from .rights import grant_role, write_impersonation
 from .robot import Robot
 
@@ -70,12 +69,10 @@ def browser() -> Iterator[Browser]:
 def robot(
     tmp_path_factory: pytest.TempPathFactory, base_image: str, rigel: Any, cluster: Any
 ) -> Iterator[Talking]:
-    namespace = f"t-ui-{uuid.uuid4().hex[:6]}"
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
-    made = Talking(tmp_path_factory.mktemp("robot"), namespace, base_image, rigel, cluster)
-    made.update("1")
-    yield made
-    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+    with own_namespace(cluster, "t-ui") as namespace:
+        made = Talking(tmp_path_factory.mktemp("robot"), namespace, base_image, rigel, cluster)
+        made.update("1")
+        yield made
 
 
 @contextmanager
@@ -148,6 +145,31 @@ def test_nodes_are_shown_on_their_machines_with_topics(tab: Tab, robot: Talking)
     assert len(tab.read("[...document.querySelectorAll('.edge')].map((e) => e.tagName)")) == 2
     tab.wait(revision(1), "the revision")
     assert find_violations(tab) == []
+
+
+def test_a_topic_has_its_rate(tab: Tab) -> None:
+    """As it is measured in the pods: the talker sends ten a second."""
+    click(tab, '[data-topic="/chatter"]')
+    rates = "[...document.querySelectorAll('.plot circle title')].map((t) =>"
+    rates += " parseFloat(t.textContent.split(' ').pop()))"
+    # A busy machine lets the talker be late for a while; one that counts twice is never right.
+    tab.wait(f"{rates}.some((r) => 7 < r && r < 13)", "a reading of ten a second", 180)
+    card = tab.read("document.querySelector('#details').textContent")
+    assert "std_msgs/String" in card
+    assert "/listener" in card
+
+
+def test_a_message_and_parameters_are_read(tab: Tab, robot: Talking) -> None:
+    """As `rigel topic echo --once` and `rigel param list` print them."""
+    click(tab, '[data-topic="/chatter"]')
+    click(tab, "#readings button")
+    message = "document.querySelector('#readings .area')?.textContent"
+    tab.wait(f"{message} === 'data: hello'", "a message")
+    robot.rigel("param", "set", "talker", "speed", "2.5")
+    click(tab, '[data-box="/talker"]')
+    click(tab, "#readings button")
+    tab.wait("document.querySelector('#readings table')", "the parameters")
+    assert "speed2.5" in tab.read("document.querySelector('#readings table').textContent")
 
 
 def test_the_log_is_live(tab: Tab) -> None:

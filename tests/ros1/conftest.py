@@ -388,7 +388,12 @@ def base_image() -> BaseImage:
 
 @pytest.fixture(scope="session")
 def rootfs(base_image: BaseImage) -> Path:
-    """The base image's root file system, unpacked once for all runs; pods write above it."""
+    """The base image's root file system; pods write above it."""
+    return unpack_root(base_image)
+
+
+def unpack_root(base_image: BaseImage) -> Path:
+    """Return the root file system of the base image, unpacked once for all runs."""
     target = base_image.archive.with_suffix(".root")
     with locked(target.with_suffix(".unpacking")):
         if base_image.built:

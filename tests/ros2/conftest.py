@@ -2,11 +2,12 @@
 
 A machine is a bridge in a network namespace of its own, joined to a switch; a pod has its own
 network (net1 on its machine's bridge) and processes. The programs come from PyPI: rclpy with Fast
-DDS, Cyclone DDS, zenoh, Fast DDS' discovery server. `Lab.exec` stands where the cluster's does.
+DDS, Cyclone DDS, zenoh, Fast DDS' discovery server. `Lab.run` stands where the cluster's does.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import os
@@ -16,9 +17,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import attrs
 import pytest
@@ -27,8 +29,11 @@ import rigel_inpod
 from rigel_k8s.discovery.findings import DiscoveryGraph, graph
 from rigel_k8s.discovery.looks import look
 from rigel_k8s.discovery.members import Member
+from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.system.cache import locked
+from rigel_rmw import libraries
+from tests.support.ros2_c import compile_ros
 from tests.support.until import until
 
 SCRIPTS = Path(rigel_inpod.__file__).parent
@@ -38,6 +43,8 @@ PACKAGES = {
     "kilted": ["ros-kilted-rclpy", "ros-kilted-rmw-fastrtps-cpp", "ros-kilted-std-msgs"],
     "dds": ["cyclonedds", "eclipse-zenoh"],
 }
+PACKAGES["work"] = [*PACKAGES["jazzy"], "ros-test-msgs==2.0.3"]  # an action's types
+PACKAGES["work-kilted"] = [*PACKAGES["kilted"], "ros-test-msgs==2.3.0"]
 #: Seconds for what starts a Python in a pod; on a busy machine it takes many.
 PATIENCE = 120
 _BOX = 'mount -t proc proc /proc; mount --bind "$HOSTS" /etc/hosts; exec env -i "$@"'
@@ -95,7 +102,7 @@ class Pod:
 
     def entering(self, command: Sequence[str]) -> list[str]:
         """The host's command line that runs `command` in the pod."""
-        variables = [f"{k}={v}" for k, v in self.env.items()]
+        variables = [f"{k}={v}" for k, v in self.env.items() if k != "LD_PRELOAD"]
         enter = ["nsenter", f"--target={self.init}", "--mount", "--net", "--pid"]
         return [*enter, "env", "-i", *variables, *command]
 
@@ -153,6 +160,31 @@ class Lab:
         """Start a ROS 2 node on Fast DDS."""
         env = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": "0", **env}
         return self.python(name, machine, distro, ROS_NODE, name, **env)
+
+    def layered(self, name: str, machine: str, code: str = ROS_NODE, **env: str) -> Pod:
+        """Start a ROS 2 node on Fast DDS whose process notes what passes."""
+        found = libraries().get(f"rmw-{os.uname().machine}.so")
+        if found is None:
+            pytest.skip("the layer is not built: it needs ziglang")
+        library, notes = self.folder / "layer.so", self.folder / f"notes-{name}"
+        if not library.exists():  # a program has it mapped
+            library.write_bytes(found)
+        notes.mkdir()
+        layer = {"LD_PRELOAD": str(library), "RIGEL_RMW": str(notes)}
+        udp = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": "0"}
+        return self.python(name, machine, "jazzy", code, name, **udp, **layer, **env)
+
+    def scripts(self) -> Path:
+        """Return a folder with the in-pod scripts and the layer, as a release mounts them."""
+        found = libraries()
+        if not found:
+            pytest.skip("the layer is not built: it needs ziglang")
+        folder = self.folder / "scripts"
+        if not folder.exists():
+            shutil.copytree(SCRIPTS, folder)
+            for file, content in found.items():
+                (folder / file).write_bytes(content)
+        return folder
 
     def cyclone(self, name: str, machine: str, **env: str) -> Pod:
         """Start a participant of Cyclone DDS."""
@@ -212,28 +244,24 @@ class Lab:
         pod.init = child(process)
         return pod
 
-    def exec(
+    def run(
         self,
         namespace: str,
         pod: str,
         command: Sequence[str],
         *,
-        stdin: BinaryIO,
-        stdout: BinaryIO,
-        stderr: BinaryIO,
+        stdin: bytes | None = None,
         **_: Any,
-    ) -> int:
-        """Run a command in a pod as the cluster's exec does."""
+    ) -> ExecResult:
+        """Run a command in a pod as the cluster does."""
         words = self.pods[pod].entering(list(command))
-        with subprocess.Popen(
-            words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        ) as process:
-            assert process.stdout is not None
-            assert process.stderr is not None
-            for line in process.stdout:
-                stdout.write(line)
-            stderr.write(process.stderr.read())
-        return process.returncode
+        done = subprocess.run(words, input=stdin, capture_output=True, timeout=240)
+        return ExecResult(done.returncode, done.stdout, done.stderr)
+
+    def parallel(self, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+        """Call a function for all items at the same time."""
+        with ThreadPoolExecutor(max(1, len(items))) as pool:
+            return list(pool.map(function, items))
 
     def members(self, mode: str = "macvlan", **more: Any) -> list[Member]:
         """The pods as members of a release."""
@@ -250,11 +278,12 @@ class Lab:
             "domain": 0,
             "middleware": "",
             "interface": "net1" if mode == "macvlan" else None,
-            "address": None,
+            "address": pod.address if mode == "macvlan" else None,
             "ip": pod.address,
             "servers": (),
             "own_ways": (),
             "running": True,
+            "has_layer": "RIGEL_RMW" in pod.env,
         }
         return Member(**{**told, **more})
 
@@ -394,6 +423,15 @@ def venv() -> Callable[[str], Path]:
         pytest.skip(f"pods of namespaces need {', '.join(tools)}")
 
     return environment
+
+
+@pytest.fixture(scope="session")
+def program(
+    venv: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str, str], Path]:
+    """What gives a program of ros2_c by the distribution and its name."""
+    room = tmp_path_factory.mktemp("ros2_c")
+    return functools.cache(lambda distro, name: compile_ros(venv(distro), room, distro, name))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.cluster
 
 #: A lifecycle node; on_activate fails until the file is there that its argument names.
 NODE = """
-import os, sys, rclpy
+import os, sys, time, rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 class Talker(LifecycleNode):
@@ -35,6 +35,7 @@ class Talker(LifecycleNode):
         print("cleaned up", flush=True)
         return TransitionCallbackReturn.SUCCESS
 rclpy.init()
+time.sleep(float(os.environ.get("LATE", "0")))
 try:
     rclpy.spin(Talker("talker"))
 except (KeyboardInterrupt, ExternalShutdownException):
@@ -47,7 +48,9 @@ PROBE = ("dds", "--domain", "0", "--transitions", "/talker")
 def talker(lab: Lab, tmp_path: Path):
     """Start the node as a deploy does; on_activate fails until there is a file `well`."""
 
-    def start(*transitions: str) -> Pod:
+    def start(
+        *transitions: str, pod: str = "talker", within: tuple[str, ...] = (), **more: str
+    ) -> Pod:
         programs = lab.venv("jazzy") / "bin"
         beside = ("/bin/sh", str(SCRIPTS / "beside.sh"), "transitions.py", "start", "/talker")
         node = ("--", "python3", "-c", NODE, str(tmp_path / "well"))
@@ -57,8 +60,9 @@ def talker(lab: Lab, tmp_path: Path):
             "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
             "TMPDIR": str(tmp_path),
             "RIGEL_K8S_TRANSITIONS": "/talker deactivate cleanup",
+            **more,
         }
-        return lab.start("talker", "one", *beside, *transitions, *node, **env)
+        return lab.start(pod, "one", *within, *beside, *transitions, *node, **env)
 
     return start
 
@@ -94,3 +98,27 @@ def test_a_node_that_stays_inactive_is_ready(talker, tmp_path: Path) -> None:
     done = pod.probe(*PROBE, "--wait", "120")
     assert done.stdout.strip().endswith(", /talker is inactive"), pod.log()
     assert "activates" not in pod.log()
+
+
+def test_its_own_node_counts_while_another_pod_has_one_of_that_name(
+    talker, lab: Lab, tmp_path: Path
+) -> None:
+    """The old one, which is active, answers too, and before the new one is there."""
+    folder = lab.scripts()
+    (tmp_path / "well").touch()
+
+    def start(name: str, late: int) -> Pod:
+        own = tmp_path / name
+        own.mkdir()
+        notes = {"RIGEL_RMW": str(own / "notes"), "RIGEL_K8S_WORKLOAD": "talker"}
+        env = {"LATE": str(late), "TMPDIR": str(own), **notes}
+        layer = ("/bin/sh", str(folder / "rmw.sh"))
+        made = talker("configure", "activate", pod=name, within=layer, **env)
+        until(lambda: "/talker is active\n" in made.log(), f"activation of {name}", 120)
+        return made
+
+    start("old", 0)
+    for number in range(3):
+        log = start(f"new-{number}", number).log()
+        assert log.count("activates\n") == 1
+        assert "refused" not in log

@@ -11,6 +11,21 @@ from contextlib import contextmanager
 from rigel_inpod import rtps, spdp
 
 
+def announced(message: bytes) -> list[tuple[spdp.Announcement, bool]]:
+    """Return (who it is, whether it leaves) of each announcement in a message."""
+    found = []
+    for kind, flags, body in rtps.submessages(message):
+        if kind == rtps.DATA and body[8:12] == rtps.SPDP_WRITER:
+            _, _, payload, status, key = rtps.read_data(body, flags)
+            if not status:
+                told = spdp.participant(payload)._replace(vendor=message[6:8])
+            else:
+                guid = spdp.Parameters(payload).raw(spdp.PID_GUID) if payload else key
+                told = spdp.Announcement((guid or message[8:20])[:12], message[6:8])
+            found.append((told, bool(status)))
+    return found
+
+
 def some_domain() -> int:
     """Return a domain that hardly anyone else on this machine is in, nor in the one after it.
 
@@ -40,7 +55,7 @@ class Peer:
                 message = self.socket.recv(65536)
             except TimeoutError:
                 return
-            found = spdp.announced(message)
+            found = announced(message)
             self.heard += found
             for told, leaves in found:
                 if not leaves:

@@ -313,7 +313,14 @@ class FakeCluster:
             new = merge_patched(old, body)
             return self.update(what, ref, old, new)
 
-    def delete(self, ref: ObjectRef, *, uid: str | None = None, version: str | None = None) -> bool:
+    def delete(
+        self,
+        ref: ObjectRef,
+        *,
+        uid: str | None = None,
+        version: str | None = None,
+        grace_seconds: int | None = None,
+    ) -> bool:
         what = f"delete {ref}"
         with self.store.lock:
             self.note("delete", ref)

@@ -39,6 +39,7 @@ def pod(name: str = "talker-1", note: Any = NOTE, **more: Any) -> dict[str, Any]
         "spec": {"nodeName": "node1", "containers": [{"name": "sidecar"}, container]},
         "status": {
             "podIP": "10.244.1.2",
+            "conditions": [{"type": "Ready", "status": "True"}],
             "containerStatuses": [{"name": "ros-node", "state": {"running": {}}}],
         },
     }

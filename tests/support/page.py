@@ -17,6 +17,8 @@ from rigel_k8s.ui.changes import Changes, Rollback
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.logs import LogHub, Read
 from rigel_k8s.ui.nodes import STATES
+from rigel_k8s.ui.readings import Read as ReadOnce
+from rigel_k8s.ui.readings import Readings
 from rigel_k8s.ui.server import PageServer
 
 TOKEN = "a-token-of-the-tests"
@@ -99,12 +101,15 @@ def read_nothing(node: str, cancel: threading.Event) -> Iterator[LogLine]:
 
 @contextmanager
 def serve_page(
-    read: Read = read_nothing, rollback: Rollback | None = None, port: int = 0
+    read: Read = read_nothing,
+    rollback: Rollback | None = None,
+    port: int = 0,
+    kinds: Mapping[str, ReadOnce] | None = None,
 ) -> Iterator[Served]:
-    """Run a server."""
+    """Run a server; `kinds` read a message or parameters."""
     feed, logs = Feed(), LogHub(read)
     changes = None if rollback is None else Changes(feed, rollback)
-    server = PageServer(port, feed, logs, TOKEN, changes)
+    server = PageServer(port, feed, logs, TOKEN, changes, Readings(kinds or {}))
     thread = threading.Thread(target=server.serve_forever, args=(0.05,))
     thread.start()
     try:
@@ -166,6 +171,21 @@ def topic(name: str, publishers: Sequence[str], subscribers: Sequence[str]) -> d
     }
 
 
+def measure(feed: Feed, topic: str, rates: Mapping[float, float | None]) -> None:
+    """Publish rates of a topic by the seconds at which the graph was read; None is a gap."""
+    feed.publish(
+        "rates",
+        {
+            f"rates/{begun}": {
+                "begun": begun,
+                "ended": begun + 25,
+                "of": {} if rate is None else {topic: rate},
+            }
+            for begun, rate in rates.items()
+        },
+    )
+
+
 def fill(
     feed: Feed,
     nodes: Sequence[Mapping[str, Any]],
@@ -185,6 +205,7 @@ def fill(
             "machine": n["machine"],
             "note": "",
             "wrong": "",
+            "services": [],
         }
         for n in nodes
     ]

@@ -14,6 +14,8 @@ from socketserver import ThreadingMixIn
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+from .until import until as wait_until
+
 Answer = list[Any]
 
 
@@ -289,11 +291,6 @@ def ros_graph() -> Iterator[RosGraph]:
         yield RosGraph(cleanup)
 
 
-def until(condition: Callable[[], object], what: str, seconds: float = 30) -> None:
-    """Wait until a condition holds."""
-    pause = threading.Event()
-    for _ in range(int(seconds / 0.01)):
-        if condition():
-            return
-        pause.wait(0.01)
-    raise AssertionError(f"after {seconds} s still not: {what}")
+def until(condition: Callable[[], object], what: str, seconds: float = 60) -> None:
+    """Wait until a condition holds; looks oftener than others, since all is on this machine."""
+    wait_until(condition, what, seconds, every=0.01)

@@ -18,6 +18,7 @@ PROGRAM = """#!/bin/sh
 echo "$0 $*" >>"$CALLS"
 case "$*" in *pytest*) sleep 0.2; exit $CODE ;; esac
 """
+LOCKED = ("requirements/build.txt", "requirements/dev.txt")
 #: apt-get too: a machine without some of the packages would wait for them.
 PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo", "apt-get")
 
@@ -55,8 +56,8 @@ def run(directory: Path, *words: str, code: int = 0, context: str = "") -> str:
     for program in (*(programs / name for name in PROGRAMS), root / "tests/bounds"):
         program.write_text(PROGRAM)
         program.chmod(0o755)
-    (root / "requirements").mkdir()
-    for name in ("requirements/build.txt", "requirements/dev.txt", "pyproject.toml"):
+    for name in (*LOCKED, "pyproject.toml", "hatch_build.py", "src/rigel_rmw/layer.c"):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text("")
     (root / ".venv/.installed-dev").write_text(f"{hashlib.sha256(b'').hexdigest()}  -\n")
     shutil.copy(RUN, root)

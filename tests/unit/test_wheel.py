@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -10,6 +12,9 @@ from pathlib import Path
 
 import pytest
 from hatchling.builders.wheel import WheelBuilder
+
+from hatch_build import HOME, STAMP, build, compile_layer
+from hatch_build import SOURCES as LAYER
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "src"
@@ -25,6 +30,8 @@ DATA = (
     "rigel_lab/images/ros2base/files/jazzy.txt",
     "rigel_lab/images/ros2base/files/ros2/__main__.py",
     "rigel_inpod/ready.sh",
+    "rigel_rmw/lib/rmw-aarch64.so",
+    "rigel_rmw/lib/rmw-x86_64.so",
     "rigel_lab/cluster/install-cnis.sh",
     "rigel_lab/cluster/lock/multus/go.mod",
     "rigel_lab/cluster/lock/multus/go.sum",
@@ -46,11 +53,13 @@ from rigel_lab.images.ros1base.overlay import entries as ros1
 from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
+from rigel_rmw import libraries
 from rigel_k8s.network.multus.manifests import DEFINITIONS, machine_script, read, read_definitions
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert list_package() and read_lock()
 assert interface_script() and machine_script()
+assert list(libraries()) == ["rmw-x86_64.so", "rmw-aarch64.so"]
 assert read_definitions(DEFINITIONS) and read("files", "multus-rights")
 """
 
@@ -61,6 +70,37 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("wheel")
     [made] = WheelBuilder(str(ROOT)).build(directory=str(directory), versions=["standard"])
     return Path(made)
+
+
+def test_one_wheel_is_for_all_platforms(wheel: Path) -> None:
+    """It contains compiled libraries, but nothing that the installing machine runs."""
+    assert wheel.name.endswith("-py3-none-any.whl")
+
+
+@pytest.mark.programs
+def test_the_layer_is_the_same_from_any_checkout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its bytes depend on sources and compiler alone, and are for the machine that they name."""
+    assert build()
+    for name in LAYER:
+        shutil.copy(HOME / name, tmp_path)
+    monkeypatch.setattr("hatch_build.HOME", tmp_path)
+    monkeypatch.setattr("hatch_build.LIBRARIES", tmp_path)
+    for machine, number in (("x86_64", 62), ("aarch64", 183)):  # of ELF
+        compile_layer(machine)
+        made = (tmp_path / f"rmw-{machine}.so").read_bytes()
+        assert made == (HOME / f"lib/rmw-{machine}.so").read_bytes()
+        assert int.from_bytes(made[18:20], "little") == number
+        wanted = [tuple(map(int, one.split(b"."))) for one in re.findall(rb"GLIBC_([\d.]+)", made)]
+        assert wanted
+        assert max(wanted) <= (2, 17)
+
+
+def test_without_a_compiler_the_package_is_built_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`rigel` works without the library; the build says so instead of failing."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert not build()
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +128,7 @@ def test_every_file_of_the_package_is_in_the_wheel(wheel: Path) -> None:
     ours = {
         path.relative_to(SOURCES).as_posix()
         for path in SOURCES.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and "__pycache__" not in path.parts and path.name != STAMP
     }
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if not name.split("/")[0].endswith("-info")}

@@ -96,6 +96,27 @@ DEPLOY = Scene(
     ),
 )
 
+EXPECTATIONS = Scene(
+    "Who acts when a topic is not as you expect it",
+    860,
+    200,
+    (
+        Box(10, 20, 190, 64, "a new version", ("waits, and is measured",)),
+        Arrow((200, 52), (230, 52)),
+        Box(230, 20, 190, 64, "takes over", ("once it is fast enough",)),
+        Arrow((420, 52), (450, 52)),
+        Box(450, 20, 190, 64, "the first minute", ("is compared with before",)),
+        Arrow((640, 52), (670, 52)),
+        Box(670, 20, 180, 64, "works", ("and is compared on",), "good"),
+        Arrow((105, 84), (105, 124), "", (0, 0), "bad"),
+        Box(10, 124, 190, 64, "too slow", ("the old one works on",), "note"),
+        Arrow((545, 84), (545, 124), "", (0, 0), "bad"),
+        Box(450, 124, 190, 64, "worse", ("rolled back, or reported",), "note"),
+        Arrow((760, 84), (760, 124), "", (0, 0), "bad"),
+        Box(670, 124, 180, 64, "silent, broken", ("restarted, an alert",), "note"),
+    ),
+)
+
 HAND_OVER_ROS1 = Sequence(
     "Hand-over of a ROS 1 node's name",
     ("listener", "old talker", "gate", "roscore", "new talker"),
@@ -117,17 +138,20 @@ HAND_OVER_ROS1 = Sequence(
 )
 
 HAND_OVER_ROS2 = Sequence(
-    "Hand-over of a ROS 2 lifecycle node",
-    ("listener", "old node", "script", "new node"),
+    "Hand-over of a ROS 2 node",
+    ("others", "old node", "its keeper", "new one's keeper", "new node"),
     (
-        Message("old node", "listener", "messages"),
-        Message("script", "new node", "configure"),
-        Note("new node", 'inactive, ready: "/driver waits to take over"'),
-        Note("old node", "Kubernetes ends the pod: preStop deactivates the node"),
-        Message("old node", "script", "transition_event: inactive", dashed=True),
-        Message("script", "new node", "activate"),
-        Message("new node", "listener", "messages"),
-        Note("old node", "half a second later: SIGINT"),
+        Message("old node", "others", "messages"),
+        Message("new one's keeper", "its keeper", "who works? it waits"),
+        Note("new node", "runs, is discovered, says and hears nothing yet"),
+        Message("new one's keeper", "its keeper", "it is fit: its partners are there"),
+        Message("its keeper", "old node", "finish your goals"),
+        Message("new one's keeper", "new node", "hold: leave all in the queues"),
+        Message("its keeper", "old node", "take nothing more, finish, stop"),
+        Message("its keeper", "new one's keeper", "what it has taken", dashed=True),
+        Message("new one's keeper", "new node", "leave that out, and work"),
+        Message("new node", "others", "messages"),
+        Note("old node", "Kubernetes ends its pod: SIGINT"),
     ),
 )
 
@@ -135,6 +159,7 @@ HAND_OVER_ROS2 = Sequence(
 PICTURES: dict[str, Scene | Sequence] = {
     "cluster": CLUSTER,
     "deploy": DEPLOY,
+    "expectations": EXPECTATIONS,
     "hand-over-ros1": HAND_OVER_ROS1,
     "hand-over-ros2": HAND_OVER_ROS2,
     "networks": NETWORKS,

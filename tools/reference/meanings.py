@@ -71,6 +71,10 @@ CONDITIONS: Mapping[str, str] = {
         " messages/s at some time of the last day, and the application neither starts pods nor has"
         " forgotten nodes"
     ),
+    "RosTopicNotAsExpected": (
+        "one thing that `expect` describes of a topic is not so, and the application neither starts"
+        " pods nor has forgotten nodes"
+    ),
     "RosTopicWithoutPublisher": (
         "a topic has subscribers and no publisher, and the application starts no pods"
     ),

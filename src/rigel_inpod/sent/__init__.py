@@ -5,8 +5,9 @@ change of them restarts no robot. Nothing is written in the pod: the modules arr
 input, as one line, and are imported from memory. They print JSON.
 
 ros1_graph.py, ros1_parameters.py   the graph of ROS 1; Python 2.7 and newer
-heard.py   rates of topics, in the exporter's pod; 3.9 and newer
-dds.py with its modules, of rigel_inpod   the DDS check; 3.6 and newer
+clock.py   the machine's clock; Python 2.7 and newer, without LOADER
+ros1_tools.py, ros2_tools.py with lines.py   follow a topic, and call parameter services
+notes.py with rmw_notes.py, of rigel_inpod   the graph of ROS 2, and who has discovered whom; 3.6
 dds_graph.py with its modules, of rigel_exporter   the graph of DDS; 3.9 and newer
 """
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.recording import VOLUME, is_recorder
 from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podoptions import Placement
 from rigel_k8s.objects.raw import containers_of
@@ -32,12 +33,13 @@ def has_application(options: OrchestrationOptions) -> bool:
 def application_options(options: OrchestrationOptions) -> NodeOptions:
     """Return the application's keys as those of a node, which runs the image's CMD."""
     far = options.distributed
+    others = {VOLUME} if any(is_recorder(one.args) for one in options.nodes.values()) else set()
     remote = far.enabled and far.default_to_remote and not far.force_local_flag
     return NodeOptions(
         image=options.application_image,
         readiness=options.readiness,
         update=options.rolling_update,
-        volumes=[volume.name for volume in options.persistent_storage.volumes],
+        volumes=[v.name for v in options.persistent_storage.volumes if v.name not in others],
         placement=Placement(labels=REMOTE if remote else {}),
         patch=options.additional_k8s_params.application,
     )

@@ -66,6 +66,7 @@ def draft(
         distro=application.distro,
         ros=ros,
         pull_secrets=tuple(map(str, options.image_pull_secrets)),
+        layer=bool(texts.libraries),
     )
     parts = Parts(options, ros.in_context(context, options), texts)
     traced = []

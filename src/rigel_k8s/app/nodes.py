@@ -1,4 +1,4 @@
-"""Each of `nodes`: a Deployment of one container, and a Service if it has ports."""
+"""Each of `nodes`: a Deployment of its own or of its `pod`, and a Service if it has ports."""
 
 from __future__ import annotations
 
@@ -8,16 +8,28 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 
+from rigel_k8s.app import foxglove
 from rigel_k8s.app.components import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
+from rigel_k8s.app.files import Mounted, hash_files, mount_files, split_contents
+from rigel_k8s.app.layer import (
+    choose_port,
+    explain_left_out,
+    layer_variables,
+    notes_volume,
+    pods_service,
+    shared_memory,
+    shared_pod_variables,
+)
 from rigel_k8s.app.lifecycle import list_variables, make_transitions
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.programs import Command, full_name, put_start_before, wrap
+from rigel_k8s.app.programs import Command, find_program, full_name, put_start_before, wrap
+from rigel_k8s.app.testing import TEST_ANNOTATION
 from rigel_k8s.app.updating import Way, choose_way
 from rigel_k8s.app.volumes import device_resources, mounts
 from rigel_k8s.generation import Generation
-from rigel_k8s.network.modes import wire_pod
+from rigel_k8s.network.modes import mode_of, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.naming import (
@@ -26,15 +38,19 @@ from rigel_k8s.objects.naming import (
     ROS_ANNOTATION,
     ROS_NAME_ANNOTATION,
     object_name,
+    ros_name,
     selector,
 )
 from rigel_k8s.objects.overlay import merge, simplify
-from rigel_k8s.objects.podoptions import Placement, PortOptions, Volume
+from rigel_k8s.objects.podnodes import note_nodes
+from rigel_k8s.objects.podoptions import Placement, PortOptions, Readiness, Volume
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
+    PROBE_TIMEOUT,
     Object,
     drop_empty,
     probes,
+    script,
     service_account,
     stop_hook,
 )
@@ -52,6 +68,7 @@ from rigel_k8s.objects.workloads import (
 )
 
 NODE_CONTAINER = "ros-node"
+KUBERNETES_GRACE = 30  # seconds
 PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
 
 
@@ -66,6 +83,8 @@ class RosNode:
         volumes: the release's persistent volumes, by name.
         container: the name of its container; None: it has only those of its patch.
         is_application: it is src.plugin's one application, whose programs have names of their own.
+        place: which one it is of the nodes of its pod.
+        mounted: its `files`.
     """
 
     key: str
@@ -76,11 +95,18 @@ class RosNode:
     volumes: Mapping[str, Volume] = attrs.field(factory=dict)
     container: str | None = NODE_CONTAINER
     is_application: bool = False
+    place: int = 0
+    mounted: Sequence[Mounted] = ()
 
     @property
     def name(self) -> str:
         """The Kubernetes name."""
         return self.key if self.is_application else object_name(self.key)
+
+    @property
+    def workload(self) -> str:
+        """The Kubernetes name of its Deployment, which may be that of several nodes."""
+        return object_name(self.options.pod) if self.options.pod else self.name
 
     @property
     def pinned(self) -> bool:
@@ -101,14 +127,22 @@ class RosNode:
         return not self.options.launch and self.ros.takes_arguments(line)
 
     @property
+    def has_layer(self) -> bool:
+        """Whether the library of ROS 2 can be loaded into its program."""
+        if not self.ros.rmw or not self.container:
+            return False
+        return explain_left_out(self.options, find_program(self.ros, self.options)) is None
+
+    @property
     def identity(self) -> PodIdentity:
-        """The node's identity on the network."""
+        """The identity of the node's pod on the network."""
         replicas = self.options.replicas
         return PodIdentity(
-            self.name,
+            self.workload,
             self.image,
             None if replicas is None else int(replicas),
             on_machine=self.options.host_network,
+            shares_memory=self.options.pod is not None,
             like=drop_empty(
                 {
                     "imagePullPolicy": pull_policy(
@@ -122,13 +156,14 @@ class RosNode:
 
 
 @attrs.frozen
-class NodePod:
-    """What the pod of a node is made of.
+class NodePart:
+    """A node's part of its pod: usually all of it.
 
     Attributes:
         plan: the network, with the node's own domain; wired: what that adds to this pod.
-        way: how the node is updated.
+        way: how the pod is updated, with what the node needs for it.
         command: what its container runs, with the scripts that start it and run beside it.
+        layered: it loads the library of ROS 2.
     """
 
     release: ReleaseContext
@@ -137,25 +172,74 @@ class NodePod:
     wired: Wiring
     way: Way
     command: Command
+    layered: bool
+
+    @property
+    def port(self) -> int:
+        """The first of the ports at which its keepers are."""
+        return keeper_port(self.release, self.node, self.plan)
 
 
-def node_objects(release: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Iterator[Object]:
-    """Yield a node's objects."""
-    release = attrs.evolve(release, ros=node.ros)
-    plan = plan_of(node, plan)
-    way = way_of(release, node, plan)
+def pod_objects(
+    release: ReleaseContext, nodes: Sequence[RosNode], plan: NetworkPlan
+) -> Iterator[Object]:
+    """Yield the objects of the nodes of one pod."""
+    first = nodes[0]
+    release = attrs.evolve(release, ros=first.ros)
+    plan = plan_of(first, plan)
+    obstacle = find_obstacle(nodes, plan)
+    wired = wiring_of(first, plan)
+    parts = [
+        make_part(release, node, plan, wired, way_of(release, node, nodes, obstacle))
+        for node in nodes
+    ]
+    for part in parts:
+        if part.command.files:
+            name, files = parameters_config(part.node), part.command.files
+            yield config_map(release, name, files, part_of=first.workload)
+        if mounted := part.node.mounted:
+            texts, others = split_contents(mounted)
+            name = files_config(part.node)
+            yield config_map(release, name, texts, part_of=first.workload, binary=others)
+    yield node_deployment(parts)
+    if ports := [part.port for part in parts if part.layered]:
+        yield pods_service(release, first.workload, ports)
+    for node in nodes:
+        if node.options.ports:
+            ports_of = [port_entry(port, service=True) for port in node.options.ports]
+            yield service(release, node.name, ports_of, workload=first.workload)
+
+
+def make_part(
+    release: ReleaseContext, node: RosNode, plan: NetworkPlan, wired: Wiring, way: Way
+) -> NodePart:
+    """Return a node's part of its pod."""
+    layered = release.layer and node.has_layer
     command = node.ros.command_of(node.key, node.options, node.files)
     command = load_components(command, node.ros.components, node.key, node.options)
     command = make_transitions(command, node.key, node.options)
-    if way.script:
-        command = wrap(command, way.script)
+    if layered:
+        command = wrap(command, "rmw.sh")
     command = put_start_before(command)
-    if command.files:
-        yield config_map(release, parameters_config(node), command.files, part_of=node.name)
-    yield node_deployment(NodePod(release, node, plan, wiring_of(node, plan), way, command))
-    if node.options.ports:
-        ports = [port_entry(port, service=True) for port in node.options.ports]
-        yield service(release, node.name, ports)
+    if layered and node.container:
+        volume, mount = notes_volume()
+        wired = attrs.evolve(
+            wired,
+            env={**wired.env, **layer_variables(node.container, keeper_port(release, node, plan))},
+            volumes=[*wired.volumes, volume],
+            mounts=[*wired.mounts, mount],
+        )
+    if node.options.pod and not (plan.options and plan.options.shared_memory):
+        volume, mount = shared_memory()
+        wired = attrs.evolve(wired, volumes=[*wired.volumes, volume], mounts=[*wired.mounts, mount])
+    return NodePart(release, node, plan, wired, way, command, layered)
+
+
+def keeper_port(release: ReleaseContext, node: RosNode, plan: NetworkPlan) -> int:
+    """Return the first of the ports at which a node's keepers are; nodes of a pod share them."""
+    on_machine = plan.options is not None and mode_of(plan.options).in_machine_network
+    shares = on_machine or node.options.host_network or node.options.pod is not None
+    return choose_port(release, node.name, shares_network=shares)
 
 
 def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
@@ -164,29 +248,31 @@ def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 
-def node_deployment(pod: NodePod) -> Object:
-    """Return a node's Deployment with the user's patch merged in."""
-    node, options = pod.node, pod.node.options
-    name = node.ros_name
-    notes = {} if node.is_application else {NODE_ANNOTATION: node.key}
-    notes |= {ROS_NAME_ANNOTATION: name} if name else {}
-    several = pod.wired.init_containers or node.is_application
-    if options.ros:
-        notes[ROS_ANNOTATION] = options.ros
+def node_deployment(parts: Sequence[NodePart]) -> Object:
+    """Return the Deployment of a pod's nodes with the user's patch merged in."""
+    first = parts[0]
+    node, options = first.node, first.node.options
+    names = [part.node.ros_name for part in parts if part.node.ros_name]
+    notes = note_nodes({str(p.node.container): notes_of(p.node) for p in parts})
+    if not options.pod:
+        notes = notes_of(node)
+    several = first.wired.init_containers or node.is_application or len(parts) > 1
     made = deployment(
-        pod.release,
-        node.name,
-        pod_spec(pod),
-        strategy=pod.way.strategy,
-        replicas=1 if name and options.replicas is None else node.identity.replicas,
+        first.release,
+        node.workload,
+        pod_spec(parts),
+        strategy=first.way.strategy,
+        replicas=1 if names and options.replicas is None else node.identity.replicas,
         annotations=notes
-        | ({SINGLETON_ANNOTATION: name} if name else {})
-        | pod.way.annotations(pod.release),
+        | ({TEST_ANNOTATION: "true"} if options.kind == "test" else {})
+        | ({SINGLETON_ANNOTATION: " ".join(names)} if names else {})
+        | foxglove.note_image(options, first.release.distro)
+        | first.way.annotations(first.release),
         pod_annotations={
             **notes,
-            **parameters_hash(pod.command),
+            **parameters_hash(parts),
             **({DEFAULT_CONTAINER: node.container} if several and node.container else {}),
-            **pod.wired.annotations,
+            **first.wired.annotations,
         },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
@@ -194,16 +280,38 @@ def node_deployment(pod: NodePod) -> Object:
     return merged
 
 
-def way_of(release: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Way:
-    """Return how a node is updated."""
+def notes_of(node: RosNode) -> dict[str, str]:
+    """Return the annotations by which a node is found."""
+    notes = {} if node.is_application else {NODE_ANNOTATION: node.key}
+    notes |= {ROS_NAME_ANNOTATION: node.ros_name} if node.ros_name else {}
+    if node.options.ros:
+        notes[ROS_ANNOTATION] = node.options.ros
+    return notes
+
+
+def find_obstacle(nodes: Sequence[RosNode], plan: NetworkPlan) -> str | None:
+    """Return why a pod cannot be handed over: the first reason of one of its nodes."""
+    for node in nodes:
+        found = node.ros.find_obstacle(node.options, node.volumes, plan.options, plan.middleware)
+        if node.container is None:
+            found = "its containers are the user's own"
+        if found:
+            return f"{node.key}: {found}" if len(nodes) > 1 else found
+    return None
+
+
+def way_of(
+    release: ReleaseContext, node: RosNode, nodes: Sequence[RosNode], obstacle: str | None
+) -> Way:
+    """Return how a node's pod is updated, with what the node needs for it."""
     options = node.options
-    obstacle = node.ros.find_obstacle(options, node.volumes, plan.options, plan.middleware)
-    if node.container is None:
-        obstacle = "its containers are the user's own"
-    anonymous = options.anonymous
-    return choose_way(
-        release, node.name, node.ros_name, options.update, obstacle, anonymous=anonymous
+    way = choose_way(
+        release, node.name, node.ros_name, options.update, obstacle, anonymous=options.anonymous
     )
+    if way.env and options.pod:
+        own = shared_pod_variables(node.workload, (str(one.container) for one in nodes))
+        way = attrs.evolve(way, env={**way.env, **own})
+    return way
 
 
 def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
@@ -215,21 +323,21 @@ def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
     return wire_pod(attrs.evolve(plan, ros=node.ros), node.identity)
 
 
-def pod_spec(pod: NodePod) -> Object:
-    """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
-    node, options = pod.node, pod.node.options
-    pairs = ros_volumes(pod.release)
-    if pod.command.files:
-        volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}
-        mount = {"name": volume["name"], "mountPath": PARAMETERS_PATH, "readOnly": True}
-        pairs.append((volume, mount))
-    volumes, seen = mounts(options, node.volumes)
-    volumes = [*(volume for volume, _ in pairs), *volumes]
-    seen = [*(mount for _, mount in pairs), *seen, *pod.wired.mounts]
+def pod_spec(parts: Sequence[NodePart]) -> Object:
+    """Return the pod's spec; the containers' mounts and the pod's volumes belong together."""
+    first = parts[0]
+    node, options = first.node, first.node.options
+    volumes: dict[str, Object] = {}
+    made_containers = []
+    for part in parts:
+        own, seen = list_volumes(part)
+        volumes |= {volume["name"]: volume for volume in own}
+        if part.node.container:
+            made_containers.append(container(part, seen))
     made = {
-        "initContainers": list(pod.wired.init_containers) if node.container else [],
-        "containers": [container(pod, seen)] if node.container else [],
-        "volumes": [*volumes, *pod.wired.volumes],
+        "initContainers": list(first.wired.init_containers) if node.container else [],
+        "containers": made_containers,
+        "volumes": list(volumes.values()),
         "nodeSelector": options.placement.node_selector,
         "affinity": affinity(options.placement),
         "tolerations": tolerations(options.tolerations, pinned=node.pinned),
@@ -237,18 +345,36 @@ def pod_spec(pod: NodePod) -> Object:
         "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
         "runtimeClassName": options.runtime_class and str(options.runtime_class),
         **service_account(options.service_account and str(options.service_account)),
-        "terminationGracePeriodSeconds": grace_seconds(options),
+        "terminationGracePeriodSeconds": grace_seconds(options, max(p.way.drain for p in parts)),
     }
-    return drop_empty(made | dict(pod.wired.pod))
+    return drop_empty(made | dict(first.wired.pod))
 
 
-def container(pod: NodePod, volume_mounts: Sequence[Object]) -> Object:
-    """Return the node's one container."""
+def list_volumes(part: NodePart) -> tuple[list[Object], list[Object]]:
+    """Return (volumes, mounts) of a node; names that another node of the pod has, too, differ."""
+    node = part.node
+    prefix = f"n{node.place}-" if node.options.pod else ""
+    pairs = ros_volumes(part.release)
+    if part.command.files:
+        name = f"{prefix}rigel-parameters"
+        volume = {"name": name, "configMap": {"name": parameters_config(node)}}
+        pairs.append((volume, {"name": name, "mountPath": PARAMETERS_PATH, "readOnly": True}))
+    pairs += mount_files(node.mounted, files_config(node), prefix)
+    volumes, seen = mounts(node.options, node.volumes, prefix)
+    return (
+        [*(volume for volume, _ in pairs), *volumes, *part.wired.volumes],
+        [*(mount for _, mount in pairs), *seen, *part.wired.mounts],
+    )
+
+
+def container(pod: NodePart, volume_mounts: Sequence[Object]) -> Object:
+    """Return the node's container."""
     node, options, command = pod.node, pod.node.options, pod.command
     defaults = ros_variables(
         pod.release, namespace=ros_namespace(node), host_network=options.host_network
     )
-    own = {**pod.wired.env, **pod.way.env, **list_variables(node.key, options)}
+    variables = {**list_variables(node.key, options), **list_rates(options)}
+    own = {**pod.wired.env, **pod.way.env, **variables}
     return drop_empty(
         {
             "name": node.container,
@@ -261,13 +387,22 @@ def container(pod: NodePod, volume_mounts: Sequence[Object]) -> Object:
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),
             **probes(readiness_of(pod.release, options.readiness), list_probe_words(pod)),
+            "livenessProbe": liveness(pod),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
         }
     )
 
 
-def list_probe_words(pod: NodePod) -> tuple[str, ...]:
+def list_rates(options: NodeOptions) -> Mapping[str, Object]:
+    """Return the variable with the rates that the node must reach (rigel_inpod/rates.py)."""
+    wanted = options.readiness.rates if isinstance(options.readiness, Readiness) else {}
+    limits = {ros_name(topic): one.around for topic, one in wanted.items()}
+    words = [f"{topic}={low:g}:{high:g}" for topic, (low, high) in limits.items()]
+    return {"RIGEL_K8S_RATES": {"value": " ".join(words)}} if words else {}
+
+
+def list_probe_words(pod: NodePart) -> tuple[str, ...]:
     """Return what the readiness probe of a node checks: the network, then scripts next to it."""
     options = pod.node.options
     waited_for = {
@@ -276,13 +411,43 @@ def list_probe_words(pod: NodePod) -> tuple[str, ...]:
     }
     name = full_name(pod.node.key, options)
     beside = (word for option, on in waited_for.items() if on for word in (option, name))
-    return (*pod.plan.ros.probe(pod.plan), *pod.way.probe, *beside)
+    node = ("--node", name) if pod.layered and pod.node.ros_name and pod.node.sets_name else ()
+    return (*pod.plan.ros.probe(pod.plan), *node, *beside)
 
 
-def grace_seconds(options: NodeOptions) -> int | None:
-    """Return how long the pod may take to end, None for Kubernetes' 30 s."""
+def liveness(pod: NodePart) -> Object:
+    """Return the probe that restarts a container that stands still, or has gone silent.
+
+    What hangs does not finish the goals that it has: it gets the time without `drain`. Kubernetes
+    before 1.25 does not know that field.
+    """
+    options = pod.node.options
+    if options.liveness is None or not pod.layered:
+        return {}
+    stuck, silent = options.liveness.stuck, options.liveness.silent
+    limits = {ros_name(topic): duration.seconds for topic, duration in silent.items()}
+    words = [f"{stuck.seconds:g}" if stuck else "0", *(f"{t}={s:g}" for t, s in limits.items())]
+    shortest = min([*limits.values(), *([stuck.seconds] if stuck else [])])
+    return {
+        **script("ready.sh", "stuck", *words),
+        "periodSeconds": max(1, min(10, round(shortest / 2))),
+        "timeoutSeconds": PROBE_TIMEOUT,
+        # A machine that is too busy for one probe is no reason; silence is measured, not missed.
+        "failureThreshold": 2 if stuck else 1,
+        "terminationGracePeriodSeconds": grace_seconds(options) or KUBERNETES_GRACE,
+    }
+
+
+def grace_seconds(options: NodeOptions, drain: int = 0) -> int | None:
+    """Return how long the pod may take to end, None for Kubernetes' 30 s.
+
+    Args:
+        drain: seconds that what it has begun may take before that.
+    """
     grace = options.termination_grace_period
-    return None if grace is None else max(1, round(grace.seconds))
+    if grace is None:
+        return KUBERNETES_GRACE + drain if drain else None
+    return max(1, round(grace.seconds)) + drain
 
 
 def affinity(placement: Placement) -> Object:
@@ -315,11 +480,17 @@ def parameters_config(node: RosNode) -> str:
     return f"{node.name}-parameters"
 
 
-def parameters_hash(command: Command) -> dict[str, str]:
+def files_config(node: RosNode) -> str:
+    """Return the name of the ConfigMap with the node's files: pods keep those they started with."""
+    return f"{node.name}-files-{hash_files(node.mounted)}"
+
+
+def parameters_hash(parts: Sequence[NodePart]) -> dict[str, str]:
     """Return the annotation that makes changed parameters start a new pod."""
-    if not command.files:
+    found = {part.node.key: part.command.files for part in parts if part.command.files}
+    if not found:
         return {}
-    text = json.dumps(command.files, sort_keys=True)
+    text = json.dumps(found if len(parts) > 1 else parts[0].command.files, sort_keys=True)
     return {PARAMETERS_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:16]}
 
 

@@ -12,6 +12,8 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
+from rigel_k8s.app import foxglove, recording
+from rigel_k8s.app.expectations import Expectation
 from rigel_k8s.app.networkpolicy import NetworkPolicy
 from rigel_k8s.app.security import Level, Security, security_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
@@ -46,6 +48,7 @@ from rigel_k8s.objects.scalars import (
     RosUri,
 )
 from rigel_k8s.observability.options import Observability
+from rigel_k8s.rigelfile.expansion import Extension
 
 
 @attrs.frozen(kw_only=True)
@@ -81,6 +84,22 @@ class RollbackOn:
     within: Duration | None = option(
         "how long after the roll-out the graph may stay worse (default 60s)"
     )
+
+
+@attrs.frozen(kw_only=True)
+class UpdateTime:
+    """When an update may replace pods."""
+
+    example: ClassVar[str] = "{when: idle}"
+
+    when: Literal["idle"] = required_field(
+        "idle: while no action server of the release has a goal in progress"
+    )
+    silent: Mapping[RosName, Duration] = option(
+        "and while no node of the release has published a topic for so long, as in {/cmd_vel: 3s}",
+        {},
+    )
+    within: Duration | None = option("how long to wait for that (default 10m); then it fails")
 
 
 @attrs.frozen(kw_only=True)
@@ -148,11 +167,31 @@ class Lifecycle:
 
 
 @attrs.frozen(kw_only=True)
+class Liveness:
+    """When the container of a ROS 2 node is restarted."""
+
+    example: ClassVar[str] = "{stuck: 30s}"
+
+    stuck: Duration | None = option(
+        "when for so long, as in 30s, an executor has not looked for work because of a callback, "
+        "or DDS has not read what it was sent"
+    )
+    silent: Mapping[RosName, Duration] = option(
+        "when a topic that it has published, by its full name, is silent for so long, as in"
+        " {/scan: 2s}",
+        {},
+    )
+
+
+@attrs.frozen(kw_only=True)
 class NodeOptions:
-    """One ROS node: a Deployment of one container, called ros-node."""
+    """One ROS node: a Deployment of one container, called ros-node; or a container of a `pod`."""
 
     name: RosName | None = option("its ROS name, if it differs from the key")
     namespace: RosName | None = option("its ROS namespace")
+    kind: Literal["test"] | None = option(
+        "test: a program that ends, and has passed with exit code 0; only `rigel test` runs it"
+    )
     ros: Literal["none"] | None = option(
         "none: a program without ROS beside ROS nodes; it gets no name, argument or variable of"
         " ROS, no probe by default, and is not expected in the graph"
@@ -192,11 +231,21 @@ class NodeOptions:
         default=False,
     )
     remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
+    pod: ObjectName | None = option(
+        "ROS 2: the name of a pod that it shares with all nodes that set the same one: each has a"
+        " container of its own, called as its Deployment would be, and they share memory for large"
+        " messages"
+    )
     replicas: Replicas | None = option("how many pods; more than one only if anonymous")
     resources: Resources = attrs.field(factory=Resources, metadata={"doc": "requests and limits"})
     ports: list[Port | PortOptions] = option("ports for a Service of the node's name", [])
     volumes: list[ObjectName | VolumeMount] = option(
         "volumes; a name is one of persistent_storage", []
+    )
+    files: Mapping[MountPath, str] = option(
+        "files and folders beside the Rigelfile, mounted read-only: path in the container -> path,"
+        " relative to the application's directory",
+        {},
     )
     devices: list[MountPath | Device] = option("devices of the machine", [])
     security_context: Mapping[str, Any] = option("Kubernetes' securityContext of the container", {})
@@ -205,12 +254,17 @@ class NodeOptions:
         "when it is ready: a command, a file, none, or ros and dds (ROS 1: registered with the"
         " master, and answers; ROS 2 and DDS: takes part in its domain, and reads its messages)"
     )
+    liveness: Liveness | None = option("ROS 2: when its container is restarted (default: never)")
     placement: Placement = attrs.field(factory=Placement, metadata={"doc": "where it runs"})
     tolerations: list[Toleration] = option("taints it tolerates", [])
     host_network: bool = option("use the machine's own network", default=False)
     service_account: DottedName | None = option("serviceAccountName")
     termination_grace_period: Duration | None = option("how long it may take to stop (default 30s)")
     update: RollingUpdate | None = option("how it is updated")
+    rmw_layer: bool | None = option(
+        "ROS 2: load our library into its processes; without it, updates of the node are Recreate"
+        " (default: the job's)"
+    )
     patch: Mapping[str, Any] = option(
         "any part of the Deployment, merged into the generated one", {}
     )
@@ -222,7 +276,11 @@ class OrchestrationOptions:
 
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
-    #: Other packages add keys that stand for nodes, such as `muto`.
+    #: Keys that stand for nodes: our own, and those that other packages add, such as `muto`.
+    expanded: ClassVar[Mapping[str, Extension]] = {
+        foxglove.KEY: foxglove.EXTENSION,
+        recording.KEY: recording.EXTENSION,
+    }
     extended_by: ClassVar[str] = "rigel_k8s.options"
 
     namespace: ObjectName | None = option("the Kubernetes namespace; created if it does not exist")
@@ -279,6 +337,11 @@ class OrchestrationOptions:
         aliases=("rmw",),
         converter=middleware_name,
     )
+    rmw_layer: bool = option(
+        "ROS 2: load a library into the nodes' processes, between ROS and its middleware, by which"
+        " they hand over in updates, are probed, and are measured",
+        default=True,
+    )
     network: Network | None = option(
         "how pods find each other; a word is short for its `mode`",
         accepts=Network | ModeName | None,
@@ -304,6 +367,11 @@ class OrchestrationOptions:
     )
     rolling_update: RollingUpdate | None = option("how the application is updated")
     rollback_on: RollbackOn | None = option("when an update is rolled back automatically")
+    update: UpdateTime | None = option("ROS 2: when an update may begin (default: at once)")
+    expect: Mapping[RosName, Expectation] = option(
+        "what is expected of topics while all runs; `rigel expect` compares, and so does an update",
+        {},
+    )
     persistent_storage: PersistentStorage = attrs.field(
         factory=PersistentStorage, metadata={"doc": "volumes; the application mounts all of them"}
     )

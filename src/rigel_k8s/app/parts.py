@@ -13,14 +13,19 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
+from rigel_k8s.app.expectations import describe_all
+from rigel_k8s.app.files import list_mounted
+from rigel_k8s.app.layer import choose_layer, pods_name
 from rigel_k8s.app.networkpolicy import policy_objects
-from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
-from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.nodes import NODE_CONTAINER, RosNode, keeper_port, plan_of, pod_objects
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.recording import find_faults
 from rigel_k8s.app.volumes import storage
 from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
+from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import Object, scripts_config
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.tolerations import tolerations
@@ -35,6 +40,13 @@ Traced = Iterator[tuple[Path, Object]]
 def has_workloads(options: OrchestrationOptions) -> bool:
     """Return whether the job runs anything."""
     return bool(options.nodes or has_application(options) or options.deploy_ros_master)
+
+
+def keep_apart(node: NodeOptions, options: OrchestrationOptions) -> NodeOptions:
+    """Return a node that keeps off the pods of other nodes, whatever these are called."""
+    names = {key: other.pod or key for key, other in options.nodes.items()}
+    apart = [names.get(key, key) for key in node.placement.apart_from]
+    return attrs.evolve(node, placement=attrs.evolve(node.placement, apart_from=apart))
 
 
 @attrs.frozen
@@ -56,7 +68,7 @@ class Parts:
         if has_application(self.options):
             yield RosNode(
                 str(self.options.deployment_name),
-                application_options(self.options),
+                choose_layer(application_options(self.options), self.options),
                 self.release.ros,
                 str(self.options.application_image or self.release.default_image),
                 volumes=volumes,
@@ -66,7 +78,19 @@ class Parts:
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
             ros = self.release.ros.of_node(node)
-            yield RosNode(str(key), node, ros, image, self.texts.files, volumes)
+            node = keep_apart(choose_layer(node, self.options), self.options)
+            container = object_name(str(key)) if node.pod else NODE_CONTAINER
+            mounted = tuple(list_mounted(node, self.texts.folders))
+            files = self.texts.files
+            yield RosNode(str(key), node, ros, image, files, volumes, container, mounted=mounted)
+
+    def pods(self) -> list[list[RosNode]]:
+        """Return the nodes by their pods."""
+        found: dict[str, list[RosNode]] = {}
+        for node in self.nodes():
+            own = found.setdefault(node.workload, [])
+            own.append(attrs.evolve(node, place=len(own)))
+        return list(found.values())
 
     @property
     def exporter(self) -> RosMetrics | None:
@@ -78,7 +102,7 @@ class Parts:
     def identities(self) -> Iterator[PodIdentity]:
         """Yield the identities of all workloads on the network."""
         yield from (companion.identity for companion in self.companions)
-        yield from (node.identity for node in self.nodes())
+        yield from (nodes[0].identity for nodes in self.pods())
 
     def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
         """Return the network of all of them.
@@ -105,7 +129,17 @@ class Parts:
         options, release = self.options, self.release
         if has_workloads(options):
             scripts = scripts_config(release.release)
-            yield (), config_map(release, scripts, self.texts.scripts, part_of=release.release)
+            libraries = self.texts.libraries if any(n.has_layer for n in self.nodes()) else {}
+            yield (
+                (),
+                config_map(
+                    release,
+                    scripts,
+                    self.texts.scripts,
+                    part_of=release.release,
+                    binary=libraries,
+                ),
+            )
             yield from network_objects(plan)
         if options.network_policy and has_workloads(options):
             watched = self.exporter is not None
@@ -118,9 +152,9 @@ class Parts:
             wired = wire_pod(plan, companion.identity)
             yield from companion.objects(release, self.texts, wired, self.place())
         application = "application_image" if options.application_image else "additional_k8s_params"
-        for node in self.nodes():
-            path = (application,) if node.is_application else ("nodes", node.key)
-            for item in node_objects(release, node, plan):
+        for nodes in self.pods():
+            path = (application,) if nodes[0].is_application else ("nodes", nodes[0].key)
+            for item in pod_objects(release, nodes, plan):
                 yield path, item
         if self.exporter:
             graph = self.watched_graph(plan)
@@ -129,7 +163,7 @@ class Parts:
 
     def watched_graph(self, plan: NetworkPlan) -> WatchedGraph:
         """Return what the exporter should see: the nodes of one domain, and their Deployments."""
-        nodes = list(self.nodes())
+        nodes = [node for node in self.nodes() if node.options.kind != "test"]
         domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
         domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
         near = [node for node in nodes if domains[node.key] == domain]
@@ -144,7 +178,17 @@ class Parts:
                 for key, one in n.options.components.items()
             }
         ours |= {one.ros_name: one.identity.name for one in self.companions if one.ros_name}
-        return WatchedGraph(ours, rest, domain or 0, self.place())
+        keepers = [
+            f"{pods_name(node.workload)}:{keeper_port(self.release, node, plan)}"
+            for node in near
+            if self.release.layer and node.has_layer
+        ]
+        contract = {
+            topic: {what: value for what, value in one._asdict().items() if value}
+            for topic, one in describe_all(self.options.expect).items()
+        }
+        asked = any(find_faults(node.options.args) for node in nodes)
+        return WatchedGraph(ours, rest, domain or 0, self.place(), tuple(keepers), contract, asked)
 
     def place(self) -> Mapping[str, Any]:
         """Return where workloads beside the nodes run: with them, if all are bound to one place."""

@@ -1,4 +1,4 @@
-"""How pods are replaced: by hand-over if the gate or a lifecycle allows it, else one by one."""
+"""How pods are replaced: by hand-over if the gate or the layer allows it, else one by one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.volumes import device_of, mount_of
-from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.raw import list_mappings, mapping, pod_of
 from rigel_k8s.objects.scalars import Share
@@ -28,17 +28,15 @@ class Way:
     Attributes:
         reason: why it is not handed over, for users; "" for HandOver.
         update: the user's options for it.
-        env: what a pod needs for being handed over: variables,
-        script: an in-pod script that starts the program,
-        probe: and further words of the readiness probe.
+        env: the variables that a pod needs for being handed over.
+        drain: seconds that the old pod may take longer to stop.
     """
 
     name: Literal["HandOver", "Recreate", "Rolling"]
     reason: str = ""
     update: RollingUpdate = attrs.field(factory=RollingUpdate)
     env: Mapping[str, Object] = attrs.field(factory=dict)
-    script: str | None = None
-    probe: tuple[str, ...] = ()
+    drain: int = 0
 
     @property
     def strategy(self) -> Object:
@@ -53,7 +51,8 @@ class Way:
 
     def annotations(self, release: ReleaseContext) -> dict[str, str]:
         """Return the annotations about a Deployment's updates."""
-        if self.name != "HandOver" and not (release.gate and release.ros.hands_over):
+        ros = release.ros
+        if self.name != "HandOver" and not (ros.hands_over and (release.gate or ros.rmw)):
             return {}
         return {UPDATE_ANNOTATION: f"{self.name}: {self.reason}" if self.reason else self.name}
 
@@ -103,17 +102,23 @@ def recreate(*_: Any) -> Way:
 
 
 def find_obstacle(
-    node: NodeOptions, volumes: Mapping[str, Volume], ready_by: Sequence[str | None]
+    node: NodeOptions,
+    volumes: Mapping[str, Volume],
+    ready_by: Sequence[str | None],
+    *,
+    shares_network: bool = False,
 ) -> str | None:
     """Return why two pods of a node cannot run side by side, whatever arbitrates between them.
 
     Args:
         volumes: the release's persistent volumes, by name.
         ready_by: the readiness checks that support hand-overs.
+        shares_network: two of them can run on one machine's own network.
     """
-    if own := find_own_machine(node):
+    if own := find_own_machine(node, shares_network=shares_network):
         return own
-    if node.readiness not in ready_by:
+    ready = node.readiness
+    if ready.own_checks if isinstance(ready, Readiness) else ready not in ready_by:
         return "it has a readiness check of its own"
     return find_shared(node, volumes)
 
@@ -123,12 +128,12 @@ def find_clash(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
     return find_own_machine(node) or find_shared(node, volumes)
 
 
-def find_own_machine(node: NodeOptions) -> str | None:
+def find_own_machine(node: NodeOptions, *, shares_network: bool = False) -> str | None:
     """Return what a node has of its machine that two pods cannot use side by side."""
     device = next((d.path or d.resource for d in map(device_of, node.devices)), None)
     found = {
         f"it has the device {device}": bool(node.devices),
-        "it uses the machine's own network": node.host_network,
+        "it uses the machine's own network": node.host_network and not shares_network,
         "it is privileged": bool(node.security_context.get("privileged")),
     }
     return next((reason for reason, holds in found.items() if holds), None)

@@ -5,6 +5,7 @@ A persistent volume is a claim, and a static volume too if it is on a directory 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,15 +17,38 @@ from rigel_k8s.objects.scalars import MountPath, ObjectName
 if TYPE_CHECKING:
     from rigel_k8s.app.options import NodeOptions
 
+#: Folders that a device may be, so that the container sees all that they contain.
+FOLDERS = re.compile(
+    r"/dev(/(bus(/usb(/\d{3})?)?|(dri|snd|input|serial|v4l|disk)(/by-\w+)?|shm|mapper|net|pts))?|.*/"
+)
+BLOCK_DEVICES = re.compile(
+    r"/dev/([shv]d[a-z]+\d*|xvd[a-z]+\d*|nvme\d+n\d+(p\d+)?|mmcblk\d+((p|boot)\d+)?|(loop|nbd|md)\d+"
+    r"(p\d+)?|(dm-|sr|ram|zram)\d+|disk/by-\w+/.+|mapper/(?!control$).+)"
+)
+
 
 def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:
     """Return a mount, written as a volume's name or in full."""
     return item if isinstance(item, VolumeMount) else VolumeMount(name=item)
 
 
+def find_mounts(options: NodeOptions, path: str) -> Iterator[int]:
+    """Yield which of a node's `volumes` are mounted at a path."""
+    for index, mount in enumerate(map(mount_of, options.volumes)):
+        if str(mount.mount_path).rstrip("/") == path:
+            yield index
+
+
 def device_of(item: MountPath | Device) -> Device:
     """Return a device, written as a path or in full."""
     return item if isinstance(item, Device) else Device(path=item)
+
+
+def device_type(path: str) -> str:
+    """Return the type of a device's hostPath: without one, a missing device becomes a directory."""
+    if FOLDERS.fullmatch(path):
+        return "Directory"
+    return "BlockDevice" if BLOCK_DEVICES.fullmatch(path) else "CharDevice"
 
 
 def source_count(mount: VolumeMount) -> int:
@@ -33,25 +57,32 @@ def source_count(mount: VolumeMount) -> int:
     return sum(source is not None for source in sources)
 
 
-def mounts(options: NodeOptions, known: Mapping[str, Volume]) -> tuple[list[Object], list[Object]]:
-    """Return (the pod's volumes, the container's mounts); a claim gives one volume."""
+def mounts(
+    options: NodeOptions, known: Mapping[str, Volume], prefix: str = ""
+) -> tuple[list[Object], list[Object]]:
+    """Return (the pod's volumes, the container's mounts); a claim gives one volume.
+
+    Args:
+        prefix: of the names of volumes that are the node's own, in a pod with other nodes.
+    """
     volumes: dict[str, Object] = {}
     seen = []
     for index, item in enumerate(options.volumes):
         mount = mount_of(item)
-        source = volume_of(mount, index, known)
+        source = volume_of(mount, f"{prefix}volume-{index}")
         volumes[source["name"]] = source
         seen.append(mount_entry(mount, source["name"], known))
     for index, device in enumerate(map(device_of, options.devices)):
         if device.path:
-            name = f"device-{index}"
-            volumes[name] = {"name": name, "hostPath": {"path": str(device.path)}}
-            seen.append({"name": name, "mountPath": str(device.mount_path or device.path)})
+            name = f"{prefix}device-{index}"
+            path = str(device.path)
+            volumes[name] = {"name": name, "hostPath": {"path": path, "type": device_type(path)}}
+            seen.append({"name": name, "mountPath": str(device.mount_path or path)})
     return list(volumes.values()), seen
 
 
-def volume_of(mount: VolumeMount, index: int, known: Mapping[str, Volume]) -> Object:
-    """Return the pod's volume of a mount."""
+def volume_of(mount: VolumeMount, name: str) -> Object:
+    """Return the pod's volume of a mount, with this name unless it is a claim."""
     if mount.name:
         claim = {"claimName": f"{mount.name}-pvc"}
         return {"name": str(mount.name), "persistentVolumeClaim": claim}
@@ -61,7 +92,7 @@ def volume_of(mount: VolumeMount, index: int, known: Mapping[str, Volume]) -> Ob
         "secret": {"secretName": str(mount.secret)} if mount.secret else None,
         "emptyDir": {"medium": "Memory", "sizeLimit": str(mount.memory)} if mount.memory else None,
     }
-    return {"name": f"volume-{index}", **drop_empty(source)}
+    return {"name": name, **drop_empty(source)}
 
 
 def mount_entry(mount: VolumeMount, name: str, known: Mapping[str, Volume]) -> Object:

@@ -76,7 +76,8 @@ def logs(
 ) -> None:
     """Print the logs of ROS nodes; of all nodes if you name none.
 
-    Lines come by time, those of several nodes with the node's name before them. With --since or
+    Lines come by time, those of several nodes with the node's name before them, those of one node
+    with the pod's once it has another pod. With --since or
     --level they come from the observability stack's Loki if it is installed, also those of deleted
     pods, without those of the last seconds.
     """
@@ -92,13 +93,17 @@ def logs(
         level=level,
     )
     styles: dict[str, dict[str, Any]] = {}
+    pods: dict[str, set[str]] = {}
     for line in lines_of(settings(ctx), nodes, options, job):
         if output == "json" and not line.note:
             click.echo(json.dumps(line_json(line)))
             continue
         style = styles.setdefault(line.workload, name_style(len(styles)))
-        alone = (len(nodes) == 1 and not line.note) or not line.workload
-        prefix = "" if alone else click.style(f"[{line.workload}] ", **style)
+        pods.setdefault(line.workload, set()).add(line.pod)
+        name = line.workload
+        if len(nodes) == 1 and not line.note:
+            name = line.pod if len(pods[name]) > 1 else ""
+        prefix = click.style(f"[{name}] ", **style) if name else ""
         click.echo(prefix + text_of(line, timestamps=timestamps), err=line.note)
 
 
@@ -178,12 +183,12 @@ def port_pair(text: str) -> tuple[int, int]:
 
 @click.command()
 @click.argument("node", shell_complete=complete_node)
-@click.argument("ports", nargs=-1, required=True, metavar="[LOCAL:]PORT...")
+@click.argument("ports", nargs=-1, metavar="[[LOCAL:]PORT]...")
 @release_option
 @namespace_option
 @click.pass_context
 def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...], job: str | None) -> None:
-    """Forward local ports to a ROS node's pod until Ctrl-C."""
+    """Forward local ports to a ROS node's pod until Ctrl-C; without a port, the node's only one."""
     from rigel_k8s.commands import pods
 
     wanted = dict(port_pair(text) for text in ports)

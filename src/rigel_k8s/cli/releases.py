@@ -1,4 +1,4 @@
-"""`rigel render`, `diff`, `history`, `rollback` and `down`."""
+"""`rigel render`, `diff`, `restart`, `history`, `rollback` and `down`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 from rigel_k8s.cli.words import (
     Timeout,
     choose_reporter,
+    complete_node,
     complete_sequence,
     data_option,
     is_quiet,
@@ -39,11 +40,14 @@ if TYPE_CHECKING:
 def render(ctx: click.Context, /, job: str | None, data: dict[str, Any]) -> None:
     """Print the manifests that a job would apply, as YAML."""
     from rigel_k8s.commands import releases
+    from rigel_k8s.release.difference import shorten_binary
     from rigel_k8s.yaml_text import documents
 
     found = releases.render(settings(ctx), job, data)
     warn(found.warnings)
-    click.echo(documents(found.objects), nl=False)
+    # A file or another program gets all of it; no one reads base64 in a terminal.
+    whole = not sys.stdout.isatty()
+    click.echo(documents(found.objects if whole else map(shorten_binary, found.objects)), nl=False)
 
 
 @click.command()
@@ -142,6 +146,35 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
 
 
 @click.command()
+@click.argument("nodes", nargs=-1, metavar="NODE...", required=True, shell_complete=complete_node)
+@release_option
+@namespace_option
+@click.option(
+    "--timeout", type=Timeout(), help="Wait at most this long for the new pods, for example 5m."
+)
+@lock_timeout_option
+@click.pass_context
+def restart(
+    ctx: click.Context,
+    /,
+    nodes: tuple[str, ...],
+    job: str | None,
+    timeout: float | None,
+    lock_timeout: float | None,
+) -> None:
+    """Replace the pods of ROS nodes by new ones of the same version, and wait for them.
+
+    They are replaced as in an update: a node that hands over does so here, too.
+    """
+    from rigel_k8s.commands import releases, targets
+
+    words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
+    found = targets.release(words, job, nodes)
+    with choose_reporter(ctx) as report:
+        releases.restart(found, words, nodes, report)
+
+
+@click.command()
 @click.argument("revision", required=False, type=click.IntRange(min=1))
 @release_option
 @namespace_option
@@ -230,9 +263,10 @@ def describe_removal(release: ReleaseId, plan: Plan) -> str:
         return f"there is no release {release.name} in the namespace {release.namespace}"
     if not plan.steps:
         return f"removed the records of {where}: {', '.join(map(str, plan.records))}"
-    actions = [step.action for step in plan.steps]
-    deleted, kept = actions.count("prune"), actions.count("forget")
-    left = f", {kept} kept for its data" if kept else ""
+    deleted = sum(step.action == "prune" for step in plan.steps)
+    kept = [step.ref.name for step in plan.steps if step.action == "forget"]
+    names = f"{', '.join(kept)} (--volumes deletes {'it' if len(kept) == 1 else 'them'})"
+    left = f", {len(kept)} kept for its data: {names}" if kept else ""
     return f"removed {where}: {plural(deleted, 'object')} deleted{left}"
 
 

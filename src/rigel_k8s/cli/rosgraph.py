@@ -1,10 +1,10 @@
-"""`rigel graph`: the ROS graph as text, as JSON, or as a picture."""
+"""`rigel graph`: the ROS graph as text, as JSON, as a picture, or as a layout for Foxglove."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.rosgraph import LiveGraph
     from rigel_k8s.rosgraph.drawing import Picture
 
-FORMS = ("text", "json", "dot")
+FORMS = ("text", "json", "dot", "foxglove")
+#: What is not in the JSON of a topic: losses are among the problems; no script needs the rest.
+OMITTED = ("losses", "exists")
 #: Pictures, which Graphviz draws.
 PICTURES = ("svg", "png", "pdf")
 #: The format by a file's suffix.
@@ -31,7 +33,8 @@ ENDINGS |= {f".{form}": form for form in PICTURES}
     "-o",
     "--output",
     type=click.Choice(FORMS),
-    help="Print in this format [default: text, or by the suffix of the file after --to].",
+    help="Print in this format; foxglove is a layout that it and Lichtblick import [default: text,"
+    " or by the suffix of the file after --to].",
 )
 @click.option(
     "--to",
@@ -59,10 +62,12 @@ def graph(
     types of a topic differ.
     """
     from rigel_k8s.commands import rosgraph as actions
+    from rigel_k8s.commands.expect import name_expected
 
     form = output or (ENDINGS.get(to.suffix, "text") if to else "text")
     found = actions.graph(settings(ctx), job)
-    show(render(found, form, everything=everything), form, to)
+    expected = name_expected(settings(ctx), job) if form == "foxglove" else ()
+    show(render(found, form, everything=everything, expected=expected), form, to)
     return 0 if found.ok else 1
 
 
@@ -92,13 +97,16 @@ def show(text: str, form: str, to: Path | None) -> None:
         beside.unlink(missing_ok=True)
 
 
-def render(found: LiveGraph, form: str, *, everything: bool) -> str:
+def render(found: LiveGraph, form: str, *, everything: bool, expected: Collection[str] = ()) -> str:
     """Return a graph in a form; a picture as what Graphviz draws it from."""
     from rigel_k8s.commands.rosgraph import picture_of
     from rigel_k8s.rosgraph.drawing import write_dot
+    from rigel_k8s.rosgraph.layout import make_layout
 
     if form == "json":
         return json.dumps(graph_json(found), indent=2) + "\n"
+    if form == "foxglove":
+        return json.dumps(make_layout(found.graph.topics, expected), indent=2) + "\n"
     picture = picture_of(found, everything=everything)
     return graph_text(found, picture) if form == "text" else write_dot(picture)
 
@@ -111,22 +119,28 @@ def graph_json(found: LiveGraph) -> dict[str, Any]:
         "release": found.release.name,
         "namespace": found.release.namespace,
         "ok": found.ok,
-        **attrs.asdict(found.graph),
+        **attrs.asdict(found.graph, filter=lambda field, _: field.name not in OMITTED),
         "problems": [problem.to_json() for problem in found.problems],
     }
 
 
 def graph_text(found: LiveGraph, picture: Picture) -> str:
-    """Return a graph as text: nodes by machine, topics, problems."""
+    """Return a graph as text: nodes by machine, topics, services, problems."""
     from rigel_k8s.cli.tables import table
 
     where = f"release {found.release.name} in namespace {found.release.namespace}"
     parts = [where, *(group_text(picture, group) for group in picture.groups)]
     rows = [topic_cells(found, picture, name) for name in sorted(p.name for p in picture.pills)]
     if rows:
-        lines = table(["TOPIC", "TYPE", "RATE", "FROM", "TO"], rows).splitlines()
+        heads = ["TOPIC", "TYPE", "RATE", "FROM", "TO"]
+        if any(topic.shared for topic in found.graph.topics):
+            heads.append("BY SHARED MEMORY")
+        lines = table(heads, [row[: len(heads)] for row in rows]).splitlines()
         bad = {pill.name for pill in picture.pills if pill.bad}
         parts.append("\n".join(redden(line, line.split(" ")[0] in bad) for line in lines))
+    services = [one for one in found.graph.services if one.is_public]
+    cells = [[one.name, one.type or "-", ", ".join(one.providers)] for one in services]
+    parts.append(table(["SERVICE", "TYPE", "OF"], cells) if cells else "")
     parts.append("\n".join(problem_lines(found)))
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -156,7 +170,8 @@ def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
     (topic,) = (topic for topic in found.graph.topics if topic.name == name)
     (pill,) = (pill for pill in picture.pills if pill.name == name)
     counts = str(len(topic.publishers)), str(len(topic.subscribers))
-    return [name, topic.type or "-", pill.rate or "-", *counts]
+    shared = ", ".join(f"{one} -> {other}" for one, other in topic.shared)
+    return [name, topic.type or "-", pill.rate or "-", *counts, shared or "-"]
 
 
 def problem_lines(found: LiveGraph) -> Iterator[str]:

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import click
 
 from rigel_k8s.cli.words import (
-    Timeout,
     choose_reporter,
-    complete_runnable,
     lock_timeout_option,
+    namespace_option,
+    runnable_argument,
     settings,
+    split_runnable,
+    timeout_option,
 )
 
 
 @click.command()
-@click.argument(
-    "words",
-    nargs=-1,
-    required=True,
-    metavar="[job|sequence] NAME",
-    shell_complete=complete_runnable,
-)
-@click.option(
-    "--timeout", type=Timeout(), help="Wait at most this long for a roll-out, for example 5m."
-)
+@runnable_argument
+@timeout_option
+@namespace_option
 @lock_timeout_option
 @click.option(
     "--rollback-on-failure",
@@ -33,6 +26,7 @@ from rigel_k8s.cli.words import (
     help="Go back to the last good revision if a roll-out fails; not if only the check of DDS"
     " discovery after it does.",
 )
+@click.option("--now", is_flag=True, help="Do not wait until the robot is idle.")
 @click.option(
     "--adopt", is_flag=True, help="Take over objects that kubectl, helm or another tool made."
 )
@@ -44,6 +38,7 @@ def run(
     timeout: float | None,
     lock_timeout: float | None,
     rollback_on_failure: bool,  # noqa: FBT001 - click passes them by name
+    now: bool,  # noqa: FBT001
     adopt: bool,  # noqa: FBT001
 ) -> None:
     """Run a job or a sequence of the Rigelfile.
@@ -52,14 +47,7 @@ def run(
     """
     from rigel_k8s.commands import run as runs
 
-    kind: Literal["job", "sequence"] | None = None
-    match words:
-        case [name]:
-            pass
-        case ["job" | "sequence" as kind, name]:
-            pass
-        case _:
-            raise click.UsageError("name one job or one sequence", ctx)
+    kind, name = split_runnable(ctx, words)
     with choose_reporter(ctx) as report:
         chosen = settings(
             ctx,
@@ -67,5 +55,6 @@ def run(
             adopt=adopt,
             lock_timeout=lock_timeout,
             rollback_on_failure=rollback_on_failure,
+            now=now,
         )
         runs.run(kind, name, chosen, report)

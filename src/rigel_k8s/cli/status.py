@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from itertools import zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.tables import age, table
+from rigel_k8s.cli.tables import age, seconds_since, table
 from rigel_k8s.cli.width import wrap
 from rigel_k8s.cli.words import (
     json_option,
@@ -23,15 +23,23 @@ from rigel_k8s.cli.words import (
     settings,
 )
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.objects.marks import REMEDY_ANNOTATION
+from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.rosgraph.handover import GateStatus
 
+if TYPE_CHECKING:
+    from rigel_k8s.rosgraph.expectations import Verdict
+
 #: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"
+#: Seconds for which a crash that was overcome is of interest.
+LATELY = 3600
 #: What a narrow terminal does without, first the first.
-OPTIONAL = ("IMAGE", "ROS NAME", "AGE", "INTERFACE")
+OPTIONAL = ("IMAGE", "INTERFACE", "ADDRESS", "ROS NAME", "POD", "AGE")
+#: What is left out rather than narrowed, since it is copied; a node's name is always there.
+WHOLE = ("NODE", "POD")
 #: The columns of a DDS graph.
 HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
 
@@ -43,7 +51,7 @@ HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
 @click.option(
     "--no-graph",
     is_flag=True,
-    help="Skip what is read from inside pods: DDS discovery and the gate.",
+    help="Skip what is read from inside pods: DDS discovery, the gate, clocks.",
 )
 @click.pass_context
 def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
@@ -52,9 +60,10 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 
     found = reading.status(settings(ctx), job, graph=not no_graph)
     if output == "json":
-        print_json(status_json(found.release, found.graph, found.gate))
+        print_json(status_json(found.release, found.graph, found.gate, found.clocks, found.expect))
     else:
-        click.echo(status_text(found.release, graph=found.graph, gate=found.gate))
+        clocks, expect = found.clocks or (), found.expect or ()
+        click.echo(status_text(found.release, None, found.graph, found.gate, clocks, expect))
     return 0 if found.ok else 1
 
 
@@ -63,6 +72,8 @@ def status_text(
     now: datetime | None = None,
     graph: DiscoveryGraph | None = None,
     gate: GateStatus | None = None,
+    clocks: Sequence[Problem] = (),
+    expect: Sequence[Verdict] = (),
 ) -> str:
     """Return a release's workloads and pods, and below them what is wrong."""
     now = now or datetime.now(timezone.utc)
@@ -74,9 +85,16 @@ def status_text(
     for workload in found.workloads:
         rows += rows_of(workload, now, graph)
         colors += [None if workload.ok else WARNING] * (len(rows) - len(colors))
-    parts = [headline(found), table(heads, rows, OPTIONAL, colors) if rows else "nothing runs"]
-    lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
+    parts = [
+        headline(found),
+        table(heads, rows, OPTIONAL, colors, WHOLE) if rows else "nothing runs",
+    ]
+    lines = [*reasons_of(found), *stop_lines(found, now), *rollback_lines(found)]
+    lines += problem_lines(graph.problems if graph is not None else ())
     lines += gate_lines(gate, found) if gate is not None else ()
+    lines += problem_lines(clocks)
+    lines += dict.fromkeys(one.line for one in expect if one.broken)
+    memory = "\n".join(memory_lines(graph)) if graph is not None else ""
     reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
     wrong = [part for part in (reasons, way_out(found)) if part] or [total(found)]
     drift = "\n".join(
@@ -84,7 +102,10 @@ def status_text(
         for w in found.workloads
         for text in w.drift
     )
-    return "\n\n".join(part for part in (*parts, *wrong, drift) if part)
+    # The nodes of one pod have one note.
+    notes = {w.annotations.get(DEVELOPMENT_ANNOTATION, "") for w in found.workloads} - {""}
+    developed = "\n".join(click.style(wrap(note, sys.stdout), fg=WARNING) for note in sorted(notes))
+    return "\n\n".join(part for part in (*parts, memory, *wrong, drift, developed) if part)
 
 
 def total(found: ReleaseStatus) -> str:
@@ -117,7 +138,8 @@ def rows_of(
     name = [workload.name, ros_name]
     for pod in workload.pods:
         on = pod.node or "-"
-        place = [pod.name, on, *(graph_cells(graph, pod.name) if graph is not None else ())]
+        cells = graph_cells(graph, pod.name, workload.name) if graph is not None else ()
+        place = [pod.name, on, *cells]
         rest = [str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
         yield [*name, f"{int(pod.ready)}/1", *place, *rest]
     if not workload.pods:
@@ -142,6 +164,24 @@ def reasons_of(found: ReleaseStatus) -> Iterator[str]:
                 yield f"{pod.name}: {pod.message}"
 
 
+def stop_lines(found: ReleaseStatus, now: datetime) -> Iterator[str]:
+    """Yield which pods' containers a liveness probe has stopped last, or have crashed lately."""
+    for workload in found.workloads:
+        for pod in workload.pods:
+            if pod.stopped and pod.phase != "Terminating":
+                how = f"{'restarted' if pod.ready else 'stopped'} by its liveness probe"
+                yield f"{pod.name}: {how} {age(pod.stopped, now)} ago: {pod.not_alive}"
+            elif (since := seconds_since(pod.crashed, now)) is not None and since < LATELY:
+                yield f"{pod.name}: started again {age(pod.crashed, now)} ago: {pod.crash}"
+
+
+def rollback_lines(found: ReleaseStatus) -> Iterator[str]:
+    """Yield that the last update was rolled back, and why."""
+    if undone := found.rolled_back:
+        cause = undone.cause and f": {undone.cause}"
+        yield f"revision {undone.revision} was rolled back to revision {undone.to}{cause}"
+
+
 def find_unready(workload: WorkloadStatus) -> list[PodStatus]:
     """Return the pods that are not ready and should be; an ending one need not be."""
     return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
@@ -158,32 +198,41 @@ def way_out(found: ReleaseStatus) -> str:
     count = "It comes" if len(orphans) == 1 else "They come"
     return (
         f"roscore has restarted and forgotten {names}. {count} back with\n"
-        f"  kubectl -n {found.release.namespace} rollout restart deployment {names}"
+        f"  rigel -n {found.release.namespace} restart --release {found.release.name} {names}"
     )
 
 
-def graph_cells(graph: DiscoveryGraph, pod: str) -> list[str]:
+def graph_cells(graph: DiscoveryGraph, pod: str, node: str) -> list[str]:
     """Return one pod's cells: its interface, its address, discovered in how many other pods."""
-    row = next((one for one in graph.pods if one.pod == pod), None)
+    row = next((one for one in graph.pods if one.pod in (pod, f"{pod}/{node}")), None)
     if row is None:
         return ["-"] * len(HEADS)
     return [row.interface or "all", row.address or "-", describe_discovery(row)]
 
 
 def describe_discovery(row: PodGraph) -> str:
-    """Return in how many other pods a pod was discovered, or what it connects through."""
-    if row.reaches:
-        return "over a server" if row.mode == "discovery-server" else "over a router"
+    """Return in how many other pods a pod was discovered."""
     if row.discovered_by is None or not row.out_of:
         return "-"
     return f"{len(row.discovered_by)}/{row.out_of}"
 
 
-def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
+def problem_lines(problems: Sequence[Problem]) -> Iterator[str]:
     """Yield what is wrong, and what to do: once if it is the same for several."""
-    for problem, following in zip_longest(graph.problems, graph.problems[1:]):
+    for problem, following in zip_longest(problems, problems[1:]):
         same = following is not None and following.remedy == problem.remedy
         yield f"{problem.message} [{problem.kind}]" if same else problem.text
+
+
+def memory_lines(graph: DiscoveryGraph) -> Iterator[str]:
+    """Yield which nodes exchange their messages by shared memory."""
+    groups: dict[str, list[str]] = {}
+    for pod in graph.pods:
+        if pod.memory:
+            groups.setdefault(pod.memory, []).append(pod.pod.rpartition("/")[2])
+    for memory, names in groups.items():
+        if len(names) > 1:
+            yield wrap(f"by shared memory of the {memory}: {', '.join(names)}", sys.stdout)
 
 
 def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
@@ -227,7 +276,11 @@ def shorten_image(image: str) -> str:
 
 
 def status_json(
-    found: ReleaseStatus, graph: DiscoveryGraph | None = None, gate: GateStatus | None = None
+    found: ReleaseStatus,
+    graph: DiscoveryGraph | None = None,
+    gate: GateStatus | None = None,
+    clocks: Sequence[Problem] | None = None,
+    expect: Sequence[Verdict] | None = None,
 ) -> dict[str, Any]:
     """Return a release for scripts (docs/cli.md)."""
     return {
@@ -236,10 +289,13 @@ def status_json(
         "revision": found.revision,
         "revision_status": found.revision_status,
         "good_revision": found.good,
+        "rolled_back": found.rolled_back and attrs.asdict(found.rolled_back),
         "ready": all(workload.ok for workload in found.workloads),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
         "gate": None if gate is None else attrs.asdict(gate),
+        "clocks": None if clocks is None else [problem.to_json() for problem in clocks],
+        "expect": None if expect is None else [verdict.to_json() for verdict in expect],
     }
 
 
@@ -255,6 +311,7 @@ def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
         "message": workload.message,
         "old_runs": workload.old_runs,
         "drift": list(workload.drift),
+        "development": workload.annotations.get(DEVELOPMENT_ANNOTATION),
         "pods": [attrs.asdict(pod) for pod in workload.pods],
     }
 

@@ -21,6 +21,7 @@ def table(
     rows: Sequence[Sequence[str]],
     optional: Sequence[str] = (),
     colors: Sequence[str | None] = (),
+    unbroken: Sequence[str] = (),
 ) -> str:
     """Return rows below heads, in columns as wide as their widest cell.
 
@@ -29,6 +30,7 @@ def table(
 
     Args:
         colors: of the rows.
+        unbroken: columns that are not narrowed.
     """
     everything = [list(heads), *[list(row) for row in rows]]
     room = find_room(sys.stdout)
@@ -39,7 +41,10 @@ def table(
         whole = [max(map(len, column)) for column in zip(*everything, strict=True)]
         # A narrowed name cannot be copied: rather than that, do without the first column.
         first = name is None and bool(optional)
-        least = whole if first else [max(len(head), LEAST) for head in everything[0]]
+        least = [
+            width if first or head in unbroken else max(len(head), LEAST)
+            for head, width in zip(everything[0], whole, strict=True)
+        ]
         widths = narrow(whole, least, room)
         if room is None or line_width(widths) <= room:
             break
@@ -71,13 +76,20 @@ def narrow(widths: Sequence[int], least: Sequence[int], room: int | None) -> lis
     return found
 
 
+def seconds_since(time: str, now: datetime) -> int | None:
+    """Return how many seconds ago a Kubernetes time was, None if it is none."""
+    try:
+        then = datetime.strptime(time, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    return max(0, int((now - then).total_seconds()))
+
+
 def age(created: str, now: datetime) -> str:
     """Return how long ago a Kubernetes time was: 42s, 12m, 5h, 3d."""
-    try:
-        then = datetime.strptime(created, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
-    except ValueError:
+    seconds = seconds_since(created, now)
+    if seconds is None:
         return "-"
-    seconds = max(0, int((now - then).total_seconds()))
     for unit, size in (("d", 86400), ("h", 3600), ("m", 60)):
         if seconds >= 2 * size:
             return f"{seconds // size}{unit}"

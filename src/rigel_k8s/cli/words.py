@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -23,6 +23,7 @@ def settings(
     adopt: bool = False,
     lock_timeout: float | None = None,
     rollback_on_failure: bool = False,
+    now: bool = False,
 ) -> Settings:
     """Return the global options as Settings."""
     words = ctx.find_root().obj
@@ -35,6 +36,7 @@ def settings(
         adopt=adopt,
         lock_timeout=lock_timeout,
         rollback_on_failure=rollback_on_failure,
+        now=now,
     )
 
 
@@ -43,12 +45,18 @@ def is_quiet(ctx: click.Context) -> bool:
     return bool(ctx.find_root().obj["quiet"])
 
 
-def choose_reporter(ctx: click.Context) -> AbstractContextManager[JobReporter]:
-    """Return the reporter for the options and the terminal."""
+def choose_reporter(
+    ctx: click.Context, *, plain: bool = False
+) -> AbstractContextManager[JobReporter]:
+    """Return the reporter for the options and the terminal.
+
+    Args:
+        plain: print lines only, since another program writes to the terminal, too.
+    """
     from rigel_k8s.cli.reports import reporter
 
     words = ctx.find_root().obj
-    plain = words["verbose"] or ctx.find_root().color is False
+    plain = plain or words["verbose"] or ctx.find_root().color is False
     return reporter(quiet=words["quiet"], plain=plain)
 
 
@@ -141,6 +149,19 @@ def list_runnable(rigelfiles: Any, settings: Settings, ctx: click.Context) -> li
     return names if words else [*kinds, *names]
 
 
+def split_runnable(
+    ctx: click.Context, words: tuple[str, ...]
+) -> tuple[Literal["job", "sequence"] | None, str]:
+    """Return what `[job|sequence] NAME` names; the first is None if it is not written."""
+    match words:
+        case [name]:
+            return None, name
+        case ["job" | "sequence" as kind, name]:
+            return kind, name
+        case _:
+            raise click.UsageError("name one job or one sequence", ctx)
+
+
 complete_job = make_completion("targets", lambda targets, s, _: targets.names(s))
 complete_release = make_completion("targets", lambda targets, s, _: targets.names(s, "release"))
 complete_node = make_completion(
@@ -158,6 +179,9 @@ def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | No
         ctx.find_root().obj["namespace"] = value
 
 
+timeout_option = click.option(
+    "--timeout", type=Timeout(), help="Wait at most this long for a roll-out, for example 5m."
+)
 lock_timeout_option = click.option(
     "--lock-timeout",
     type=Timeout(least=0.0),
@@ -166,17 +190,25 @@ lock_timeout_option = click.option(
 )
 
 
+def split_pair(text: str, form: str, **where: Any) -> tuple[str, str]:
+    """Return both parts of `NAME=VALUE`.
+
+    Args:
+        form: what the error says that it should be.
+        where: which option it is, for click.BadParameter.
+    """
+    name, sign, value = text.partition("=")
+    if not name or not sign:
+        raise click.BadParameter(f'"{text}" is not {form}', **where)
+    return name, value
+
+
 def read_data(ctx: click.Context, param: click.Parameter, pairs: Sequence[str]) -> dict[str, Any]:
     """Return KEY=VALUE pairs as a mapping."""
     from rigel_k8s.commands.rigelfiles import read_value
 
-    data = {}
-    for pair in pairs:
-        key, sign, value = pair.partition("=")
-        if not key or not sign:
-            raise click.BadParameter(f'"{pair}" is not KEY=VALUE', ctx, param)
-        data[key] = read_value(value)
-    return data
+    split = (split_pair(pair, "KEY=VALUE", ctx=ctx, param=param) for pair in pairs)
+    return {key: read_value(value) for key, value in split}
 
 
 data_option = click.option(
@@ -185,6 +217,13 @@ data_option = click.option(
     multiple=True,
     callback=read_data,
     help="Set {{ data.KEY }}, which a matrix or an earlier job of a sequence would; repeatable.",
+)
+runnable_argument = click.argument(
+    "words",
+    nargs=-1,
+    required=True,
+    metavar="[job|sequence] NAME",
+    shell_complete=complete_runnable,
 )
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
 release_argument = click.argument(

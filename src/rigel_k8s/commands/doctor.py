@@ -1,4 +1,4 @@
-"""doctor: checks what a deploy needs, one by one."""
+"""doctor: checks what a deploy needs, one by one, and what running nodes need of their machines."""
 
 from __future__ import annotations
 
@@ -7,15 +7,21 @@ from collections.abc import Iterable, Iterator
 import attrs
 
 from rigel_k8s.app.rights import PURPOSES, read_rights
+from rigel_k8s.commands.targets import list_namespaces
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_default_class, is_ready
+from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.rights import Right, describe
 from rigel_k8s.problems import Problem
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.refusals.missing import ask_missing
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph import clocks
 from rigel_k8s.settings import Settings
 
+CLOCKS = 5.0  # seconds that machines have to answer; those of `status` are fewer
 #: A deploy needs no right to see them.
 UNSEEN = "you have no right to list them, which a deploy does not need"
 
@@ -35,11 +41,13 @@ def examine(settings: Settings) -> list[Need]:
         with connect(settings) as cluster:
             version = cluster.server_version()
             where = cluster.context_name or "in-cluster"
+            namespaces = list_namespaces(settings, cluster)
             return [
                 Need("cluster", f"{where} at {cluster.server}, {version}"),
-                *rights(cluster, settings.namespace or cluster.namespace),
+                *(need for namespace in namespaces for need in rights(cluster, namespace)),
                 nodes(cluster),
                 storage(cluster),
+                *compare_clocks(cluster, namespaces),
             ]
     except RigelK8sError as error:
         return [lack("cluster", error.message, error.hint or "")]
@@ -108,3 +116,23 @@ def storage(cluster: Cluster) -> Need:
     return lack(
         "storage", "no default StorageClass", "set storage_class or host_path of each volume"
     )
+
+
+def compare_clocks(cluster: Cluster, namespaces: Iterable[str]) -> Iterator[Need]:
+    """Report machines of a release whose clocks differ, and this computer's if it does."""
+    try:
+        releases = {
+            ReleaseId(namespace, pod["metadata"]["labels"][RELEASE_LABEL]): None
+            for namespace in namespaces
+            for pod in cluster.list(
+                "v1", "Pod", namespace, labels=RELEASE_LABEL, metadata_only=True
+            )
+        }
+        readings = [clocks.begin(cluster, list_pods(cluster, release)) for release in releases]
+    except Forbidden:
+        return
+    found = [clocks.finish(reading, CLOCKS) for reading in readings]
+    every = {machine: clock for one in found for machine, clock in one.items()}
+    problems = [problem for one in found for problem in clocks.judge(one)]
+    for problem in dict.fromkeys([*problems, *clocks.judge_own(every)]):
+        yield Need("clocks", problem.message.removeprefix("clocks: "), problem)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
 from rigel_k8s import signals
+from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.interruption import interruptions
 from rigel_k8s.kube import Cluster
 from rigel_k8s.release.types import DeployOptions
@@ -20,19 +21,23 @@ TWICE = (
 
 
 @contextmanager
-def interruptible() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C or SIGTERM sets; the second one ends the process."""
-    cancel = threading.Event()
+def interruptible(scope: CancelScope | None = None) -> Iterator[threading.Event]:
+    """Give an event that Ctrl-C or SIGTERM sets; the second one ends the process.
+
+    Args:
+        scope: what the first one stops.
+    """
+    stopped = scope or CancelScope()
     calls = itertools.count()
 
     def notify() -> None:
         if next(calls):
             signals.end_at_once(TWICE)
         # Event.set takes a lock that the interrupted main thread may hold in this very moment.
-        threading.Thread(target=cancel.set).start()
+        threading.Thread(target=stopped.cancel).start()
 
     with interruptions(notify):
-        yield cancel
+        yield stopped.cancelled
 
 
 @contextmanager

@@ -2,38 +2,54 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, BinaryIO
 
 import attrs
 
+from rigel_k8s.app.foxglove import PORT_NAME
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster
 from rigel_k8s.objects.facts import is_ending, is_ready
-from rigel_k8s.objects.naming import NAME_LABEL, NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
-from rigel_k8s.objects.pods import SCRIPTS_PATH
+from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.naming import NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.podnodes import shared_pod, split_all
+from rigel_k8s.objects.pods import SCRIPTS_PATH, scripts_config
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.pods import list_pods
-from rigel_k8s.rigelfile import find_nearest
+from rigel_k8s.rigelfile import name_nearest
 from rigel_k8s.settings import Settings
 
+FOXGLOVE = str(PORT_NAME)
 COMPONENT_LABEL, OBSERVABILITY = "app.kubernetes.io/component", "observability"
 LOOK = 1.0  # seconds between two checks of a forward
+#: Runs a command that ends when standard input does. Kubernetes leaves one alone whose caller has
+#: gone, and a `ros2 topic echo` of a silent topic would stay in the pod as long as that runs.
+TIED = (
+    'exec 3<&0; "$@" 3<&- </dev/null & command=$!;'
+    " (cat <&3; kill $command) >/dev/null 2>&1 & wait $command; code=$?; kill $!; exit $code"
+)
 
 
 @attrs.frozen
 class Pod:
-    """A pod of a release.
+    """A pod of a release; one with several nodes is one for each of them.
 
     Attributes:
-        workload: the Kubernetes name of its workload.
+        workload: the Kubernetes name of its workload; of several nodes in one pod, the node's.
+        node: its name in the Rigelfile, "" if it has none.
         aliases: all names that a user may use for its node.
         container: its first container.
         scripts: whether that has the in-pod scripts.
         machine: the machine, "" before it is scheduled.
         restarts: of its first container.
         helper: it is not a node of the application but watches them (the ROS exporter).
+        shared: the name of the pod's workload if other nodes are in the pod, too, else "".
+        ports: the names of its first container's TCP ports, by number.
     """
 
     name: str
@@ -45,21 +61,36 @@ class Pod:
     phase: str
     created: str
     ready: bool
+    node: str = ""
     ros_name: str = ""
     machine: str = ""
     restarts: int = 0
     helper: bool = False
+    shared: str = ""
+    ports: Mapping[int, str] = attrs.field(factory=dict, hash=False)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Differs for each node of a release and each of its pods."""
+        return self.name, self.container
+
+    @property
+    def deployment(self) -> ObjectRef:
+        """The Deployment of its node, which may have other nodes, too."""
+        return ObjectRef("apps/v1", "Deployment", self.namespace, self.shared or self.workload)
 
 
 def pod_of(item: dict[str, Any]) -> Pod:
-    """Return what we need from a pod object."""
+    """Return what we need from a pod object, or from a node's part of it."""
     meta, status = item["metadata"], item.get("status", {})
     notes = meta.get("annotations") or {}
     workload = (meta.get("labels") or {}).get(NAME_LABEL, "")
     ros_name = notes.get(ROS_NAME_ANNOTATION, "")
     container = item["spec"]["containers"][0]
     mounts = [mount["mountPath"] for mount in container.get("volumeMounts") or []]
-    known = {meta["name"], workload, notes.get(NODE_ANNOTATION, ""), ros_name, ros_name[1:]}
+    shared = shared_pod(item)
+    node = notes.get(NODE_ANNOTATION, "")
+    known = {meta["name"], workload, node, ros_name, ros_name[1:], shared}
     return Pod(
         name=meta["name"],
         namespace=meta["namespace"],
@@ -70,10 +101,17 @@ def pod_of(item: dict[str, Any]) -> Pod:
         phase="Terminating" if is_ending(item) else status.get("phase", "Unknown"),
         created=meta.get("creationTimestamp", ""),
         ready=is_ready(item),
+        node=node,
         ros_name=ros_name,
         machine=item["spec"].get("nodeName", ""),
         restarts=restarts_of(status, container["name"]),
         helper=(meta.get("labels") or {}).get(COMPONENT_LABEL) == OBSERVABILITY,
+        shared=shared,
+        ports={
+            port["containerPort"]: port.get("name", "")
+            for port in container.get("ports") or []
+            if port.get("protocol", "TCP") == "TCP"
+        },
     )
 
 
@@ -85,7 +123,7 @@ def restarts_of(status: dict[str, Any], container: str) -> int:
 
 def release_pods(found: Release) -> list[Pod]:
     """Return all pods of a release."""
-    pods = (pod_of(item) for item in list_pods(found.cluster, found.id))
+    pods = map(pod_of, split_all(list_pods(found.cluster, found.id)))
     return sorted(pods, key=lambda pod: (pod.workload, pod.created))
 
 
@@ -128,15 +166,16 @@ def no_node_error(found: Release, node: str, pods: Sequence[Pod]) -> UserError:
     names = sorted({pod.workload for pod in pods})
     if not names:
         return no_pod_error(found)
-    close = find_nearest(node, names)
-    meant = f', did you mean "{close}"?' if close else ""
+    meant = name_nearest(node, names)
     return UserError(f'no pod of a node "{node}"{meant}', hint=f"its nodes are: {', '.join(names)}")
 
 
 def find_matching(pods: Sequence[Pod], node: str) -> list[Pod]:
-    """Return the pods that a name means."""
+    """Return the pods that a name means; without its namespace, it has to be the only such node."""
     chosen = [pod for pod in pods if node in pod.aliases]
-    return chosen or [pod for pod in pods if pod.workload == object_name(node)]
+    chosen = chosen or [pod for pod in pods if pod.workload == object_name(node)]
+    last = [pod for pod in pods if pod.ros_name.rpartition("/")[2] == node]
+    return chosen or (last if len({pod.workload for pod in last}) == 1 else [])
 
 
 def choose_running(pods: Sequence[Pod]) -> Pod:
@@ -167,20 +206,59 @@ def execute(
 ) -> int:
     """Run a command in a node's container with ROS set up; return its exit code.
 
-    Without a command it is a shell. A container without our scripts gets the command unchanged.
+    Without a command it is a shell. A container without our scripts gets the command unchanged;
+    elsewhere one without input ends with its caller.
     """
     found = release(settings, job, [node])
     with found.cluster as cluster:
         pod = choose_running(pods_of(found, node))
+        words = wrap_command(pod, command)
+        if stdin is None and pod.scripts:
+            return run_tied(cluster, pod, words, stdout, stderr)
         return cluster.exec(
             pod.namespace,
             pod.name,
-            wrap_command(pod, command),
+            words,
             container=pod.container,
             stdin=stdin,
             stdout=stdout,
             stderr=stderr,
             tty=tty,
+        )
+
+
+def run_tied(
+    cluster: Cluster, pod: Pod, words: Sequence[str], stdout: BinaryIO, stderr: BinaryIO
+) -> int:
+    """Run a command that ends when this process does, and return its exit code."""
+    silent, held = os.pipe()  # `held` stays open as long as this process runs the command
+    try:
+        with os.fdopen(silent, "rb") as stdin:
+            return cluster.exec(
+                pod.namespace,
+                pod.name,
+                ["/bin/sh", "-c", TIED, "sh", *words],
+                container=pod.container,
+                stdin=stdin,
+                stdout=stdout,
+                stderr=stderr,
+            )
+    finally:
+        os.close(held)
+
+
+def check_script(found: Release, script: str, what: str) -> None:
+    """Raise UserError for a release of a version that had no such script in its pods.
+
+    Args:
+        what: cannot be done with its nodes: "developed".
+    """
+    ref = ObjectRef("v1", "ConfigMap", found.id.namespace, scripts_config(found.id.name))
+    live = found.cluster.get(ref)
+    if live is None or script not in live.get("data", {}):
+        raise UserError(
+            f"{found.id.name} was deployed by an older rigel-k8s, whose nodes cannot be {what}",
+            hint="deploy it with `rigel run`",
         )
 
 
@@ -196,26 +274,52 @@ def forward(
 ) -> Iterator[str]:
     """Forward local ports to a node's pod (remote -> local, 0 any); yield messages.
 
-    Ends when it is closed.
+    Without ports it is the node's only one. Ends when it is closed.
 
     Raises:
-        UserError: the pod has ended.
+        UserError: the pod has ended, or which port is meant is not clear.
         ClusterError: the right is missing, which shows with the first connection.
     """
     found = release(settings, job, [node])
     with found.cluster as cluster:
         pod = choose_running(pods_of(found, node))
-        with cluster.port_forward(pod.namespace, pod.name, ports) as opened:
-            yield from (f"127.0.0.1:{lo} -> {pod.name}:{re}" for re, lo in opened.ports.items())
+        with cluster.port_forward(pod.namespace, pod.name, ports or only_port(pod)) as opened:
+            for remote, local in opened.ports.items():
+                yield f"127.0.0.1:{local} -> {pod.name}:{remote}"
+                if pod.ports.get(remote) == FOXGLOVE:
+                    yield from address_viewers(f"ws://127.0.0.1:{local}")
             reported = 0
             while True:
                 time.sleep(LOOK)
                 if opened.denied:
                     raise opened.denied
                 if reported < len(opened.errors):
-                    yield from opened.errors[reported:]
+                    yield from (explain_forward(text, node) for text in opened.errors[reported:])
                     reported = len(opened.errors)
                     require_running(cluster, pod, node)
+
+
+def only_port(pod: Pod) -> dict[int, int]:
+    """Return the port of a node that has one, as `forward` takes it; else raise UserError."""
+    if len(pod.ports) == 1:
+        return {port: port for port in pod.ports}
+    known = ", ".join(map(str, pod.ports))
+    raise UserError(
+        f"{pod.workload} has the ports {known}" if known else f"{pod.workload} has no `ports`",
+        hint=f"name the port: `rigel forward {pod.workload} PORT`",
+    )
+
+
+def address_viewers(url: str) -> Iterator[str]:
+    """Yield where to see what the bridge of `foxglove` sends."""
+    yield f"Foxglove: https://app.foxglove.dev/~/view?ds=foxglove-websocket&ds.url={url}"
+    yield f"or open {url} in Lichtblick or another viewer"
+
+
+def explain_forward(text: str, node: str) -> str:
+    """Return an error of a forward in a few words if its cause is known."""
+    refused = re.search(r"forwarding port (\d+) .*connection refused", text, re.DOTALL)
+    return f"nothing listens on port {refused[1]} in {node}" if refused else text
 
 
 def require_running(cluster: Cluster, pod: Pod, node: str) -> None:

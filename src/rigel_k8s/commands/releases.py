@@ -1,4 +1,4 @@
-"""render, diff, history, rollback, down: the commands about a release."""
+"""render, diff, history, restart, rollback, down: the commands about a release."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from typing import Any
 import attrs
 
 from rigel_k8s.commands.interruption import writing
+from rigel_k8s.commands.pods import choose_pods
 from rigel_k8s.commands.targets import Release, job_of, release
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import removal, together
+from rigel_k8s.release import restart as restarts
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.history import Entry, History
 from rigel_k8s.release.revisions import records
+from rigel_k8s.release.status import no_release_error
 from rigel_k8s.release.types import DeployOptions, Plan, Revision, Step
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
@@ -85,10 +88,17 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Entry]:
-    """Return a release's revisions, oldest first."""
+    """Return a release's revisions, oldest first.
+
+    Raises:
+        UserError: the release has no revision.
+    """
     found = release(settings, job)
     with found.cluster as cluster:
-        return History(ROS_NAME_ANNOTATION).make_entries(records(cluster, found.id))
+        known = records(cluster, found.id)
+    if not known:
+        raise no_release_error(found.id)
+    return History(ROS_NAME_ANNOTATION).make_entries(known)
 
 
 def rollback(
@@ -104,6 +114,24 @@ def rollback(
     """
     with writing(found.cluster, settings, report, cancel) as options:
         return rollbacks.rollback(found.cluster, found.id, number, options)
+
+
+def restart(
+    found: Release,
+    settings: Settings,
+    nodes: Sequence[str],
+    report: Reporter,
+    cancel: threading.Event | None = None,
+) -> None:
+    """Replace the pods of some nodes, as in an update. Otherwise as rollback.
+
+    Raises:
+        UserError: the release has no such node.
+    """
+    with writing(found.cluster, settings, report, cancel) as options:
+        chosen = {pod.deployment for pod in choose_pods(found, nodes)}
+        refs = sorted(chosen, key=lambda ref: ref.name)
+        restarts.restart(found.cluster, found.id, refs, options)
 
 
 def down(

@@ -163,6 +163,21 @@ def names(settings: Settings, able: str = "parts") -> list[str]:
     return [job.name for job in read_jobs(settings).list_jobs(able)]
 
 
+def list_namespaces(settings: Settings, cluster: Cluster) -> list[str]:
+    """Return the namespaces that the settings or the Rigelfile's jobs name, else the context's.
+
+    A Rigelfile that cannot be read names none.
+    """
+    found: list[str] = []
+    if settings.rigelfile.exists() and not settings.namespace:
+        with suppress(RigelK8sError):
+            jobs = read_jobs(settings)
+            for job in jobs.list_jobs("release"):
+                own = jobs.find_release(job, jobs.read_names(job), cluster)
+                found += [own.namespace] if own else []
+    return list(dict.fromkeys(found)) or [settings.namespace or cluster.namespace]
+
+
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and its other workloads. Raises as job_of."""
     jobs = read_jobs(settings)

@@ -187,8 +187,10 @@ def index_by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
     return {sample.labels.get(label, ""): sample.value for sample in samples}
 
 
-def measure_usage(cluster: Cluster, pods: Sequence[Pod]) -> tuple[Mapping[str, Usage], str]:
-    """Return what pods of one namespace use, by their names, and its source.
+def measure_usage(
+    cluster: Cluster, pods: Sequence[Pod]
+) -> tuple[Mapping[tuple[str, str], Usage], str]:
+    """Return what pods of one namespace use, by names of pod and container, and its source.
 
     Raises:
         ClusterError: neither source has it; with both reasons.
@@ -205,7 +207,7 @@ def measure_usage(cluster: Cluster, pods: Sequence[Pod]) -> tuple[Mapping[str, U
         except ClusterError as error:
             reasons.append(explain(name, error))
         else:
-            if any(pod.name in usage for pod in pods):
+            if any(part_of_pod(pod) in usage for pod in pods):
                 return usage, source
             reasons.append(f"{name} has none of these pods")
     raise ClusterError(
@@ -215,20 +217,37 @@ def measure_usage(cluster: Cluster, pods: Sequence[Pod]) -> tuple[Mapping[str, U
     )
 
 
-def ask_metrics_server(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
-    """Return the usage of all pods of the namespace."""
+def part_of_pod(pod: Pod) -> tuple[str, str]:
+    """Return what of a pod is a node's: all, or one container if there are other nodes in it."""
+    return pod.name, pod.container if pod.shared else ""
+
+
+def ask_metrics_server(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[tuple[str, str], Usage]:
+    """Return the usage of all pods of the namespace, and of each of their containers."""
     if not cluster.serves(METRICS, "PodMetrics"):
         raise ClusterError("the cluster has no metrics-server")
-    return {
-        item["metadata"]["name"]: Usage(
-            sum(float(parse_quantity(c["usage"]["cpu"])) for c in item["containers"]),
-            sum(float(parse_quantity(c["usage"]["memory"])) for c in item["containers"]),
+    return add_up(
+        (
+            item["metadata"]["name"],
+            str(one["name"]),
+            Usage(*(float(parse_quantity(one["usage"][what])) for what in ("cpu", "memory"))),
         )
         for item in cluster.list(METRICS, "PodMetrics", pods[0].namespace)
-    }
+        for one in item["containers"]
+    )
 
 
-def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
+def add_up(parts: Iterable[tuple[str, str, Usage]]) -> dict[tuple[str, str], Usage]:
+    """Return the usage of containers, and under "" that of their pods."""
+    found: dict[tuple[str, str], Usage] = {}
+    for pod, container, used in parts:
+        found[pod, container] = used
+        whole = found.get((pod, ""), Usage(0.0, 0.0))
+        found[pod, ""] = Usage(whole.cpu + used.cpu, whole.memory + used.memory)
+    return found
+
+
+def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[tuple[str, str], Usage]:
     """Return the usage of the namespace's pods on the machines of some pods."""
 
     def ask(machine: str) -> Any:
@@ -236,26 +255,30 @@ def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
         query = {"only_cpu_and_memory": "true"}
         return json.loads(cluster.get_through_proxy(node, "stats/summary", query=query))
 
-    usage: dict[str, Usage] = {}
+    usage: dict[tuple[str, str], Usage] = {}
     for summary in cluster.parallel(ask, sorted({pod.machine for pod in pods} - {""})):
         usage |= read_summary(summary, pods[0].namespace)
     return usage
 
 
-def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
+def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[tuple[str, str], Usage]:
     """Return the pods of a namespace in a kubelet's summary, without those that just started."""
-    found = {}
+    found: dict[tuple[str, str], Usage] = {}
     for pod in summary.get("pods") or []:
         containers = pod.get("containers") or []
         cpu = [c.get("cpu", {}).get("usageNanoCores") for c in containers]
         memory = [c.get("memory", {}).get("workingSetBytes") for c in containers]
         if pod["podRef"]["namespace"] == namespace and containers and None not in (*cpu, *memory):
-            found[pod["podRef"]["name"]] = Usage(sum(cpu) / 1e9, float(sum(memory)))
+            name = pod["podRef"]["name"]
+            used = [Usage(c / 1e9, float(m)) for c, m in zip(cpu, memory, strict=True)]
+            found |= add_up((name, c["name"], u) for c, u in zip(containers, used, strict=True))
     return found
 
 
 def make_rows(
-    pods: Sequence[Pod], usage: Mapping[str, Usage], samples: Mapping[str, Sequence[Sample]]
+    pods: Sequence[Pod],
+    usage: Mapping[tuple[str, str], Usage],
+    samples: Mapping[str, Sequence[Sample]],
 ) -> Iterator[UsageRow]:
     """Yield a row for each pod; `samples` are the answers to NODES, or empty."""
     up = {
@@ -265,7 +288,7 @@ def make_rows(
     published = index_by("ros_node", samples.get("published", ()))
     received = index_by("ros_node", samples.get("received", ()))
     for pod in pods:
-        used = usage.get(pod.name)
+        used = usage.get(part_of_pod(pod))
         is_up = up.get(pod.ros_name or pod.workload)
         yield UsageRow(
             workload=pod.workload,

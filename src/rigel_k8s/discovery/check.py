@@ -8,71 +8,121 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 
 from rigel_k8s.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.discovery.looks import LISTEN, look
+from rigel_k8s.discovery.looks import look
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
 from rigel_k8s.release.pods import list_pods
+from rigel_k8s.release.rollout.causes import explain_pod
+from rigel_k8s.release.rollout.crashes import count_crashes
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
 PATIENCE = 20.0  # seconds that the nodes have to discover each other after a deploy
+#: On a busy machine a look takes long, and discovery, too: so many looks may find what it may
+#: cause, for so many seconds.
+LOOKS, LONGEST = 8, 120.0
 AGAIN = 1.0  # seconds between two looks
-LONGER = 6.0  # seconds for a look that decides
+CRASH = 5.0  # seconds in which Kubernetes reports that a container has ended
+LATER = 4.0  # seconds until a look that decides; processes note what they discover every 3
 #: Findings that a busy machine may cause too: a node without processor time does not answer.
-DOUBTFUL = frozenset({"deaf", "deaf-pod", "no-server", "silent", "undiscovered"})
+DOUBTFUL = frozenset({"deaf", "no-participant", "undiscovered"})
 
 
 class GraphError(RigelK8sError):
     """Nodes do not discover each other as the Rigelfile requests; the release is deployed."""
 
 
-def survey(
-    cluster: Cluster, release: ReleaseId, cancel: threading.Event | None = None
-) -> DiscoveryGraph | None:
+def survey(cluster: Cluster, release: ReleaseId) -> DiscoveryGraph | None:
     """Return a release's current graph, None if none of its pods takes part in DDS.
 
-    If a busy machine may be the cause of a finding, a longer look decides.
+    A busy machine may be late with what it has discovered: a second look decides.
     """
-    found = look_briefly(cluster, release, cancel, LISTEN)
+    found = look_briefly(cluster, release)
     if found is not None and any(problem.kind in DOUBTFUL for problem in found.errors):
-        return look_briefly(cluster, release, cancel, LONGER)
+        time.sleep(LATER)
+        return look_briefly(cluster, release)
     return found
 
 
-def look_briefly(
-    cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
-) -> DiscoveryGraph | None:
-    """Return the graph that a look of so many seconds shows."""
+def look_briefly(cluster: Cluster, release: ReleaseId) -> DiscoveryGraph | None:
+    """Return the graph that one look shows."""
     found = members(list_pods(cluster, release))
-    return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
+    return graph(found, look(cluster, found)) if found else None
 
 
 def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: threading.Event) -> None:
-    """Look until the nodes discover each other, at most PATIENCE seconds and a look.
+    """Look until the nodes discover each other, or have had time for that.
 
     Without `network`, nodes that do not discover each other are a warning: nothing requests it.
 
     Raises:
-        GraphError: nodes do not discover each other, although `network` requests it.
+        GraphError: nodes do not discover each other, although `network` requests it; or a pod has
+            crashed meanwhile.
         Interrupted: `cancel` was set.
     """
-    until = time.monotonic() + PATIENCE
-    found = look_briefly(cluster, release, cancel, LISTEN)
-    while found is not None and found.errors and time.monotonic() < until:
-        report.progress("graph", found.errors[0].message)
+    before = {name_of(pod): count_crashes(pod) for pod in list_pods(cluster, release)}
+    begun, looks = time.monotonic(), 1
+    found = look_briefly(cluster, release)
+    while found is not None and may_change(found, looks, time.monotonic() - begun):
+        report.progress("graph", "not all nodes have discovered each other yet")
         if cancel.wait(AGAIN):
             raise Interrupted(
                 "interrupted while checking the DDS graph; the release stays deployed"
             )
-        found = look_briefly(cluster, release, cancel, LISTEN)
-    if found is not None and found.errors:
-        found = survey(cluster, release, cancel)
+        found, looks = look_briefly(cluster, release), looks + 1
     if found is not None:
+        refuse_crashes(cluster, release, before, found, cancel)
         report_graph(found, release, report)
+
+
+def refuse_crashes(
+    cluster: Cluster,
+    release: ReleaseId,
+    before: Mapping[str, int],
+    found: DiscoveryGraph,
+    cancel: threading.Event,
+) -> None:
+    """Raise GraphError if a pod has crashed since it was ready.
+
+    Its node was in the graph for a moment, or the pod could not be looked at.
+
+    Args:
+        before: how often each pod had crashed.
+    """
+    unseen = any(problem.kind == "not-looked" for problem in found.problems)
+    until = time.monotonic() + (CRASH if unseen else 0.0)
+    while True:
+        pods = list_pods(cluster, release)
+        crashed = [pod for pod in pods if count_crashes(pod) > before.get(name_of(pod), 0)]
+        if crashed or time.monotonic() >= until or cancel.wait(AGAIN):
+            break
+    if crashed:
+        causes = [f"{name_of(p)}: {one.message}" for p in crashed for one in explain_pod(p, ())]
+        raise GraphError(
+            f"{release.name} in {release.namespace} is deployed, but {plural(len(crashed), 'pod')}"
+            " crashed after being ready",
+            details=causes or [name_of(pod) for pod in crashed],
+            hint="see `rigel logs` and `rigel status`; `rigel history` lists the revisions before",
+        )
+
+
+def name_of(pod: Manifest) -> str:
+    """Return a pod's name."""
+    return str(pod["metadata"]["name"])
+
+
+def may_change(found: DiscoveryGraph, looks: int, seconds: float) -> bool:
+    """Return whether errors may go by themselves, after so many looks and seconds."""
+    if seconds < PATIENCE:
+        return bool(found.errors)
+    kinds = {problem.kind for problem in found.errors}
+    return bool(kinds) and kinds <= DOUBTFUL and looks < LOOKS and seconds < LONGEST
 
 
 def report_graph(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
@@ -98,5 +148,5 @@ def summary(found: DiscoveryGraph) -> str:
     machines = len({pod.machine for pod in found.pods})
     where = f"on {plural(machines, 'machine')}"
     if any(pod.discovered_by is None for pod in found.pods):
-        return f"all {len(found.pods)} nodes reach their discovery server or router, {where}"
+        return f"{len(found.pods)} nodes run {where}; what some have discovered is unknown"
     return f"all {len(found.pods)} nodes discover each other, {where}"

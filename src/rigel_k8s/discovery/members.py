@@ -10,10 +10,11 @@ import attrs
 
 from rigel_inpod import MOUNT_PATH
 from rigel_k8s.generation import GENERATIONS, Generation
-from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
-from rigel_k8s.objects.facts import is_out_of_reach
-from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
+from rigel_k8s.objects.facts import is_out_of_reach, is_ready
+from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.naming import denies_ros
+from rigel_k8s.objects.podnodes import shared_pod, split_all
 
 #: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
 OWN_WAYS = (
@@ -23,14 +24,17 @@ OWN_WAYS = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
+#: The variable of a container whose ROS 2 processes have the layer: where they write their notes.
+NOTES = "RIGEL_RMW"
 PROBE = f"{MOUNT_PATH}/ready.sh"
 
 
 @attrs.frozen
 class Member:
-    """One pod that takes part, from its manifest and its status.
+    """One pod that takes part, from its manifest and its status; of several nodes, one of each.
 
     Attributes:
+        pod: its name, as POD/NODE if other nodes are in it.
         workload: the name of its Deployment.
         machine: the Kubernetes node that it runs on.
         domain: the DDS domain that it should be in, None if the image decides.
@@ -42,6 +46,9 @@ class Member:
         reachable: whether its machine reports to Kubernetes.
         probed: whether it has our readiness probe; if a user set another one, or none, its
             program need not use DDS.
+        has_layer: whether its ROS 2 processes note what passes.
+        memory: the pod or the machine whose memory Fast DDS uses in it, "" for none.
+        ready: whether its pod is ready; with peers, its name leads to it only then.
     """
 
     namespace: str
@@ -60,24 +67,20 @@ class Member:
     running: bool
     reachable: bool = True
     probed: bool = True
+    has_layer: bool = False
+    memory: str = ""
+    ready: bool = True
 
     @property
-    def by_multicast(self) -> bool:
-        """Whether it discovers others by multicast."""
-        mode = MODES.get(self.mode)
-        multicast = mode is not None and mode.multicast
-        return multicast and self.middleware != "zenoh" and not self.own_ways
-
-    @property
-    def answers(self) -> bool:
-        """Whether, in its network's mode, it answers each participant that announces itself."""
-        mode = MODES.get(self.mode)
-        return mode is not None and mode.answers
+    def name(self) -> str:
+        """The pod's name."""
+        return self.pod.partition("/")[0]
 
 
 def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:
     """Return the pods that take part, by name; those that are ending do not."""
-    found = (member_of(pod) for pod in pods if not pod["metadata"].get("deletionTimestamp"))
+    parts = split_all(pods)
+    found = (member_of(pod) for pod in parts if not pod["metadata"].get("deletionTimestamp"))
     return sorted((one for one in found if one), key=lambda one: one.pod)
 
 
@@ -89,14 +92,15 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     container = find_container(spec)
     if "mode" not in note or container is None or not generation_of_note(note).dds:
         return None
-    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: its DDS is not checked
+    if denies_ros(annotations):  # beside ROS nodes: its DDS is not checked
         return None
+    shared = shared_pod(pod)
     env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
     interface = note.get("interface")
     return Member(
         namespace=str(meta["namespace"]),
-        pod=str(meta["name"]),
-        workload=str((meta.get("labels") or {}).get(NAME_LABEL, meta["name"])),
+        pod=f"{meta['name']}/{container['name']}" if shared else str(meta["name"]),
+        workload=shared or str((meta.get("labels") or {}).get(NAME_LABEL, meta["name"])),
         machine=str(spec.get("nodeName") or ""),
         container=str(container["name"]),
         mode=str(note["mode"]),
@@ -110,7 +114,18 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         running=runs(status, str(container["name"])),
         reachable=not is_out_of_reach(pod),
         probed=PROBE in probe_words(container),
+        has_layer=has_layer(container),
+        memory=name_memory(pod, note),
+        ready=is_ready(pod),
     )
+
+
+def name_memory(pod: Mapping[str, Any], note: Mapping[str, Any]) -> str:
+    """Return whose memory a pod's programs share: the pod's, or their machine's; "" for none."""
+    if not note.get("shared_memory"):
+        return ""
+    machine = str((pod.get("spec") or {}).get("nodeName") or "")
+    return f"machine {machine}" if note.get("mode") == "host" else f"pod {pod['metadata']['name']}"
 
 
 def generation_of_note(note: Mapping[str, Any]) -> Generation:
@@ -155,6 +170,11 @@ def probe_words(container: Mapping[str, Any]) -> Sequence[str]:
     """Return the command of a container's readiness probe."""
     probe = container.get("readinessProbe") or {}
     return (probe.get("exec") or {}).get("command") or ()
+
+
+def has_layer(container: Mapping[str, Any]) -> bool:
+    """Whether the ROS 2 processes of a container note what passes."""
+    return any(one["name"] == NOTES for one in container.get("env") or [])
 
 
 def runs(status: Mapping[str, Any], container: str) -> bool:

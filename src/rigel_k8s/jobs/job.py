@@ -63,7 +63,9 @@ class JobContext:
     def deploy_options(self) -> DeployOptions:
         """How this job deploys."""
         name = self.settings.description or self.name
-        return DeployOptions.of(self.settings, self.report, self.cancel, name)
+        options = DeployOptions.of(self.settings, self.report, self.cancel, name)
+        varies = bool(self.data or self.settings.namespace)
+        return attrs.evolve(options, names_release=varies)
 
 
 @attrs.frozen

@@ -143,7 +143,9 @@ def _module_exists(kind: Kind, name: str, module: str) -> bool:
 def _missing_class_error(
     kind: Kind, name: str, module: str, attribute: str, present: dict[str, Any]
 ) -> UserError:
-    near = difflib.get_close_matches(attribute, list(present), 1)
+    known = [path for paths in list_names(kind).values() for path in paths]
+    known = [path.rpartition(".")[2] for path in known if path.rpartition(".")[0] == module]
+    near = difflib.get_close_matches(attribute, [*known, *present], 1)
     hint = f"did you mean {module}.{near[0]}?" if near else f"check what {module} defines"
     return UserError(f"{word(kind)} {name}: module {module} has no {attribute}", hint=hint)
 

@@ -26,8 +26,8 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
     Rigelfile,
-    find_nearest,
     find_type,
+    name_nearest,
     place,
     preview,
     problems_error,
@@ -247,8 +247,7 @@ class _Resolution:
 def _find_named(what: str, name: str, known: Mapping[str, T]) -> T:
     if name in known:
         return known[name]
-    near = find_nearest(name, known)
     raise UserError(
-        f'unknown {what} "{name}"' + (f', did you mean "{near}"?' if near else ""),
+        f'unknown {what} "{name}"{name_nearest(name, known)}',
         hint=f"its {what}s are {', '.join(known)}" if known else f"it has no {what}s",
     )

@@ -57,6 +57,10 @@ class Values:
             self._complete.setdefault(id(job), []).append((known, seen))
         return seen
 
+    def is_complete(self, job: Job) -> bool:
+        """Whether a preview of a job's options has found that they wait for nothing."""
+        return id(job) in self._complete
+
     def realise(self, job: Job, data: Mapping[str, Any]) -> JobOptions:
         """Return a job's options, now that all data is available, checked.
 

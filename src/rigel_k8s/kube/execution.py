@@ -100,12 +100,14 @@ class Execution:
         )
         terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
         pumping = threading.Thread(target=pump, args=(stdin, session), daemon=True)
-        with session, terminal or nullcontext():
-            if stdin is not None:
-                pumping.start()
-            result = receive(session, stdout, stderr, None)
-        if stdin is not None:
-            pumping.join()  # after this no one reads the caller's stream
+        try:
+            with session, terminal or nullcontext():
+                if stdin is not None:
+                    pumping.start()
+                result = receive(session, stdout, stderr, None)
+        finally:
+            if pumping.is_alive():
+                pumping.join()  # after this no one reads the caller's stream
         return exit_code(result, namespace, pod)
 
 

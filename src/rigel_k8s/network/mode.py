@@ -51,8 +51,6 @@ class Mode:
         on_machines: it leaves the pod network and needs something of the machines.
         own_domain: it stays on the pod network, where all applications of a cluster could hear each
             other: each release gets a DDS domain of its own.
-        multicast: participants discover each other by multicast.
-        answers: a participant answers each other one that announces itself to it.
         looks_beyond: ROS 2 is configured to discover nodes beyond its own machine.
         one_pod: why a workload may have no more than one pod.
         participants: how many participants of one pod the others look for; None: all.
@@ -71,8 +69,6 @@ class Mode:
     attached: bool = False
     on_machines: bool = False
     own_domain: bool = False
-    multicast: bool = False
-    answers: bool = False
     looks_beyond: bool = True
     one_pod: str | None = None
     participants: int | None = None

@@ -56,6 +56,10 @@ class Network:
     interface: str | None = option(
         "macvlan: the machines' interface, such as eth0; host: the only one that DDS uses"
     )
+    shared_memory: bool = option(
+        "host: Fast DDS uses the machine's shared memory (hostIPC) between nodes of one machine",
+        default=False,
+    )
     subnet: str | None = option("the second network's addresses, such as 10.20.0.0/24")
     ipam: Literal["whereabouts", "static", "host-local"] | None = option(
         "who gives out addresses: whereabouts (the default), static (`rigel`, one for each"

@@ -29,6 +29,7 @@ class PodIdentity:
         image: its container's image, from which init containers are made.
         replicas: how many pods, None for one.
         on_machine: its own options put it on its machine's network, whatever the release's mode.
+        shares_memory: several programs run in it, with one /dev/shm of a size for all.
         like: fields of its container that init containers share: imagePullPolicy, resources, and
             the user in securityContext.
     """
@@ -37,6 +38,7 @@ class PodIdentity:
     image: str
     replicas: int | None = None
     on_machine: bool = False
+    shares_memory: bool = False
     like: Mapping[str, Any] = attrs.field(factory=dict)
 
 
@@ -90,13 +92,18 @@ class Wiring:
     pod: Mapping[str, Any] = attrs.field(factory=dict)
 
 
-def network_note(plan: NetworkPlan, **more: Any) -> dict[str, str]:
-    """Return the annotation that describes how a pod is networked."""
+def network_note(plan: NetworkPlan, *, shared_memory: bool = False, **more: Any) -> dict[str, str]:
+    """Return the annotation that describes how a pod is networked.
+
+    Args:
+        shared_memory: its Fast DDS shares memory with others of its address.
+    """
     given = {
         "mode": plan.mode,
         "ros": plan.ros.name,
         "middleware": plan.middleware,
         "domain": plan.domain_id,
+        "shared_memory": shared_memory or None,
         **more,
     }
     known = {key: value for key, value in given.items() if value is not None}

@@ -8,7 +8,9 @@ from rigel_k8s.objects.refs import Manifest
 FIELD_MANAGER = "rigel"
 #: On every object of a release: the release's name (the deployment_name), as a label value.
 RELEASE_LABEL = "rigel-k8s/release"
-#: On a workload: an identity that only one workload of a namespace may have at a time (a ROS name).
+#: The selector's label; it is the one of src.plugin; it cannot change because selectors cannot.
+NAME_LABEL = "app.kubernetes.io/name"
+#: On a workload: identities that only one workload of a namespace may have at a time (ROS names).
 SINGLETON_ANNOTATION = "rigel-k8s/singleton"
 #: On a workload, "true": the release's other workloads start when it is ready (a ROS master).
 FIRST_ANNOTATION = "rigel-k8s/first"
@@ -18,6 +20,15 @@ OPTIONAL_ANNOTATION = "rigel-k8s/optional"
 REMEDY_ANNOTATION = "rigel-k8s/remedy"
 #: On a workload whose image `image` does not set: what to do if it is not there, or not right.
 IMAGE_ANNOTATION = "rigel-k8s/image"
+#: On a Deployment and its pods while a node is developed in them: which one, by whom, since when.
+DEVELOPMENT_ANNOTATION = "rigel-k8s/development"
+#: On a pod whose place in the network a program on another computer has: whose program.
+JOINED_ANNOTATION = "rigel-k8s/joined"
+#: On a pod that only pulls the images of an update, instead of the release's label: its name.
+PULL_LABEL = "rigel-k8s/pull"
+
+#: kubectl's note on a pod's template that it was restarted. It is in no Rigelfile, and stays.
+RESTARTED_ANNOTATION = "kubectl.kubernetes.io/restartedAt"
 
 
 def image_remedy_of(manifest: Manifest) -> str:

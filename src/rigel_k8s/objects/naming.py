@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Mapping
 
-from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 
-#: The selector's label; it is the one of src.plugin; it cannot change because selectors cannot.
-NAME_LABEL = "app.kubernetes.io/name"
 #: Of a machine: its name.
 HOSTNAME = "kubernetes.io/hostname"
 #: On a Deployment and its pods: the name of the ROS node in them.
@@ -19,6 +18,11 @@ NODE_ANNOTATION = "rigel-k8s/node"
 ROS_ANNOTATION = "rigel-k8s/ros"
 #: The maximum length of a label value, and so of a Kubernetes name here.
 LONGEST = 63
+
+
+def denies_ros(annotations: Mapping[str, str] | None) -> bool:
+    """Whether a pod, by its annotations, runs a program without ROS beside ROS nodes."""
+    return (annotations or {}).get(ROS_ANNOTATION) == "none"
 
 
 def ros_name(name: str, namespace: str | None = None) -> str:

@@ -17,6 +17,7 @@ from rigel_k8s.objects.scalars import (
     Count,
     Delay,
     DottedName,
+    Duration,
     EnvName,
     LabelKey,
     LabelValue,
@@ -25,6 +26,8 @@ from rigel_k8s.objects.scalars import (
     Port,
     PortName,
     Quantity,
+    Range,
+    RosName,
     Share,
 )
 
@@ -37,6 +40,13 @@ class Readiness:
 
     command: str | list[str] | None = option("a command that exits 0 when ready: words or a list")
     file: MountPath | None = option("a file that exists when ready, such as /tmp/ready")
+    port: Port | None = option("a TCP port at which it accepts connections when ready")
+    rates: Mapping[RosName, Range] = option(
+        "ROS 2: topics that the node publishes, by their full names, and how often it must, in"
+        " messages per second: {/scan: 8..12}, 8.. (or more); 10 is short for 8..12. A new version"
+        " that is slower does not take over",
+        {},
+    )
     initial_delay_seconds: Delay | None = option("seconds before the first probe")
     period_seconds: Count | None = option("seconds between probes once ready (default 10)")
     probe_timeout_seconds: Count | None = option("seconds that one probe may take (default 30)")
@@ -44,6 +54,11 @@ class Readiness:
         "failures in a row that make a pod unready (default 2)"
     )
     timeout_seconds: Delay | None = option("seconds that the roll-out waits for it to become ready")
+
+    @property
+    def own_checks(self) -> list[str]:
+        """The keys that replace the check of ROS or DDS."""
+        return [key for key in ("command", "file", "port") if getattr(self, key)]
 
 
 @attrs.frozen(kw_only=True)
@@ -57,14 +72,23 @@ class RollingUpdate:
         | Literal["handover", "rolling", "rollingupdate", "recreate"]
         | None
     ) = option(
-        "HandOver: the new pod starts completely, and takes over when the old one stops (ROS 1: it"
-        " gets the ROS names; ROS 2: its node, a lifecycle node, is activated); Recreate: the old"
-        " pod has ended before the new one starts; Rolling: both work until"
-        " the old one stops. Default: Rolling for anonymous nodes; HandOver where roscore is behind"
-        " a gate and two of the pod can run; else Recreate"
+        "HandOver: the new pod starts completely, and takes over in one moment (ROS 1: it gets the"
+        " ROS names when the old one stops; ROS 2: it is silent and hears nothing until then);"
+        " Recreate: the old pod has ended before the new one starts; Rolling: both work until"
+        " the old one stops. Default: Rolling for anonymous nodes; HandOver where two of the pod"
+        " can run, in ROS 1 behind a gate; else Recreate"
     )
     max_surge: Share | None = option("extra pods during an update (default 1)")
     max_unavailable: Share | None = option("missing pods during an update (default 0)")
+    drain: Duration | None = option(
+        "ROS 2, HandOver: how long goals of actions may take to end before the new node takes over"
+        " (default 5m); the pod may take this much longer to stop"
+    )
+    warm: list[RosName] = option(
+        "ROS 2, HandOver: topics that the new node already hears while it waits, besides latched"
+        " ones, /tf and /clock, so that what it computes of them is there when it takes over",
+        [],
+    )
 
 
 @attrs.frozen(kw_only=True)

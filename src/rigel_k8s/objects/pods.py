@@ -48,13 +48,16 @@ def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
     """Return a container's probes: one that notices the start at once, then an infrequent one.
 
     Args:
-        readiness: a command or file of the user's, "none", or a word and None for ROS' own.
+        readiness: a command, file or port of the user's, "none", or a word and None for ROS' own.
         asked: what the in-pod script is asked then.
     """
     if readiness == "none":
         return {}
     own = readiness if isinstance(readiness, Readiness) else Readiness()
-    if own.command is None and own.file is None:
+    if own.port is not None:
+        check: Object = {"tcpSocket": {"port": int(own.port)}}
+        start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or PROBE_TIMEOUT)}
+    elif not own.own_checks:
         look = script("ready.sh", *asked, "--wait", str(LOOK))
         start = {**look, "timeoutSeconds": PROBE_TIMEOUT}
         check = script("ready.sh", *asked)

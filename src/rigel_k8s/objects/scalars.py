@@ -1,7 +1,8 @@
 """Checks for values that Kubernetes or ROS would refuse; the error names what is valid.
 
 Each class has `parse(raw)`, which raises ValueError with a message for the user, `kind`, the slug
-of the problem, and `expects`, its text in a schema. The structurer uses nothing else.
+of the problem, and `expects`, its text in a schema; one of keys may have `nested`, a hint for a
+mapping as a key's value. The structurer uses nothing else.
 """
 
 from __future__ import annotations
@@ -175,6 +176,7 @@ class EnvName(Text):
 
     kind = "bad-env"
     expects = "a name of an environment variable: letters, digits and _, no digit first"
+    nested: ClassVar[str] = ": write `env` as a list, [{name: %s, valueFrom: ...}]"
     pattern = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -226,11 +228,11 @@ class HostPort(Text):
 
 
 class Duration(Text):
-    """A duration: 30, 30s, 5m, 1h30m."""
+    """A duration: 30, 30s, 5m, 1h30m, 500ms."""
 
     kind = "bad-duration"
     expects = "a duration such as 30s, 5m or 1h30m"
-    pattern = re.compile(r"(?=.)(\d+h)?(\d+m)?(\d+(\.\d+)?s?)?")
+    pattern = re.compile(r"(?=.)(\d+h)?(\d+m(?!s))?(\d+(\.\d+)?s?)?|\d+ms")
 
     @classmethod
     def parse(cls, raw: str) -> Duration:
@@ -243,8 +245,43 @@ class Duration(Text):
     @property
     def seconds(self) -> float:
         """The same in seconds."""
-        units = {"h": 3600.0, "m": 60.0, "s": 1.0, "": 1.0}
-        return sum(float(n) * units[u] for n, u in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", self))
+        units = {"h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "": 1.0}
+        parts = re.findall(r"(\d+(?:\.\d+)?)(ms|[hms]?)", self)
+        return sum(float(number) * units[unit] for number, unit in parts)
+
+
+#: A rate that is one number may differ by this part of it.
+SPREAD = 0.2
+
+
+class Range(Text):
+    """What a number may be: 2, 8..12, 8.., ..12."""
+
+    kind = "bad-range"
+    expects = "a number, or a range such as 8..12, 8.. or ..12"
+    pattern = re.compile(r"(?=.*\d)(\d+(\.\d+)?)?(\.\.(\d+(\.\d+)?)?)?")
+
+    @classmethod
+    def parse(cls, raw: str) -> Range:
+        """Return the range; one that is empty is refused."""
+        value = super().parse(raw)
+        if value.limits[0] > value.limits[1]:
+            raise ValueError(f'"{raw}" is not {cls.expects}: the lower number comes first')
+        return value
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The lowest and the highest, both allowed."""
+        low, dots, high = self.partition("..")
+        if not dots:
+            return float(low), float(low)
+        return float(low or 0), float(high or "inf")
+
+    @property
+    def around(self) -> tuple[float, float]:
+        """The limits; of one number, a fifth less and a fifth more."""
+        low, high = self.limits
+        return (low, high) if low < high else (low * (1 - SPREAD), high * (1 + SPREAD))
 
 
 class Retention(Text):

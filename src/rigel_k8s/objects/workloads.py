@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ class ReleaseContext:
         pull_secrets: names of Secrets with registry credentials.
         master_uri: ROS_MASTER_URI of all nodes; None leaves it to the images.
         gate: whether the release's roscore is behind a gate.
+        layer: whether there is a library for ROS 2's processes.
     """
 
     namespace: str
@@ -31,6 +33,7 @@ class ReleaseContext:
     pull_secrets: Sequence[str] = ()
     master_uri: str | None = None
     gate: bool = False
+    layer: bool = False
 
     @property
     def default_image(self) -> str:
@@ -91,25 +94,34 @@ def deployment(
     }
 
 
-def service(release: ReleaseContext, name: str, ports: Sequence[Object]) -> Object:
-    """Return the Service of a workload's name."""
+def service(
+    release: ReleaseContext, name: str, ports: Sequence[Object], workload: str | None = None
+) -> Object:
+    """Return the Service of a workload's name, or of a node's in its pods."""
     return {
         "apiVersion": "v1",
         "kind": "Service",
-        "metadata": release.metadata(name),
-        "spec": {"selector": selector(name), "ports": list(ports)},
+        "metadata": release.metadata(name, part_of=workload),
+        "spec": {"selector": selector(workload or name), "ports": list(ports)},
     }
 
 
 def config_map(
-    release: ReleaseContext, name: str, data: Mapping[str, str], *, part_of: str
+    release: ReleaseContext,
+    name: str,
+    data: Mapping[str, str],
+    *,
+    part_of: str,
+    binary: Mapping[str, bytes] | None = None,
 ) -> Object:
-    """Return a ConfigMap of texts; its name may be too long for a label."""
+    """Return a ConfigMap of texts, and of other files; its name may be too long for a label."""
+    encoded = {key: base64.b64encode(content).decode() for key, content in (binary or {}).items()}
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
         "metadata": release.metadata(name, part_of=part_of),
         "data": dict(data),
+        **({"binaryData": encoded} if encoded else {}),
     }
 
 

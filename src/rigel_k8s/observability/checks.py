@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import attrs
+
+from rigel_k8s.objects.resources import check_resources
 from rigel_k8s.observability.options import (
     DEFAULT_COLLECTOR,
     Component,
     Observability,
     Part,
+    Program,
     collector_part,
 )
 from rigel_k8s.problems import Problem
@@ -24,6 +28,9 @@ def check(options: Observability) -> Iterator[Problem]:
     yield from check_spans(options)
     yield from check_collector(options)
     yield from check_existing(options)
+    for name, part in attrs.asdict(options, recurse=False).items():
+        if isinstance(part, Program):
+            yield from (one.under((name,)) for one in check_resources(part.resources))
 
 
 def check_helm(options: Observability) -> Iterator[Problem]:

@@ -20,7 +20,7 @@ from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, drop_empty
 from rigel_k8s.objects.podsecurity import pod_context
-from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
+from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment, service
 from rigel_k8s.observability.manifests.program import CONFIG_ANNOTATION, container, load
 from rigel_k8s.observability.names import COMPONENT, EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import RosMetrics
@@ -47,12 +47,20 @@ class WatchedGraph:
         known: names that nodes may have if their programs choose their own names.
         domain: the DDS domain of the nodes.
         placement: fields of the pod's spec that keep it where all the nodes are.
+        keepers: where the notes of ROS 2 processes are read, NAME:PORT for each workload; without
+            them the exporter takes part in DDS.
+        contract: what is expected of topics, by their full names: fields of
+            rigel_exporter.expecting.Expected.
+        asked: a node of the release reads the metrics.
     """
 
     expected: Mapping[str, str]
     known: Mapping[str, str] = attrs.field(factory=dict)
     domain: int = 0
     placement: Mapping[str, Any] = attrs.field(factory=dict)
+    keepers: tuple[str, ...] = ()
+    contract: Mapping[str, Mapping[str, Any]] = attrs.field(factory=dict)
+    asked: bool = False
 
 
 def exporter_identity(options: RosMetrics) -> PodIdentity:
@@ -63,7 +71,9 @@ def exporter_identity(options: RosMetrics) -> PodIdentity:
 def exporter_objects(
     release: ReleaseContext, options: RosMetrics, graph: WatchedGraph, plan: NetworkPlan
 ) -> Iterator[Object]:
-    """Yield the exporter's configuration and its Deployment."""
+    """Yield the exporter's configuration, its Deployment, and its Service if a node needs one."""
+    if graph.asked:
+        yield service(release, EXPORTER, [{"name": "metrics", "port": EXPORTER_PORT}])
     wired = wire_pod(plan, exporter_identity(options))
     if release.ros.dds:
         own = {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
@@ -121,7 +131,9 @@ def describe(options: RosMetrics, graph: WatchedGraph) -> Object:
     return {
         "expected": dict(graph.expected),
         "known": dict(graph.known),
+        "keepers": list(graph.keepers),
         "topics": [f"/{str(topic).lstrip('/')}" for topic in options.topics],
+        "contract": dict(graph.contract),
         "diagnostics": options.diagnostics or None,
         "clock": options.clock or None,
         "tf": options.tf or None,

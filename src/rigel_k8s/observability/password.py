@@ -7,7 +7,7 @@ import secrets
 from typing import TYPE_CHECKING
 
 from rigel_k8s.errors import ConflictError
-from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import GRAFANA
 

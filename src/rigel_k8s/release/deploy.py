@@ -1,8 +1,8 @@
 """A release's life: deploy and history (rollback.py and removal.py have the rest).
 
-Look (survey), refuse what is impossible, take the Lease, write a *pending* revision that names old
-and new objects together, apply, wait, prune, mark the revision good. After an interruption the next
-run finds in the pending revision all that may be left, and completes it.
+Look (survey), refuse what is impossible, take the Lease, pull images, write a *pending* revision
+that names old and new objects together, apply, wait, prune, mark the revision good. After an
+interruption the next run finds in the pending revision all that may be left, and completes it.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.locking import Held, bury, hold
 from rigel_k8s.release.plan import compare, predecessors
+from rigel_k8s.release.pulling import pull_images
 from rigel_k8s.release.refusals import verdict
 from rigel_k8s.release.refusals.admission import warn_of_obstacles
 from rigel_k8s.release.rollout.wait import wait
@@ -81,7 +82,8 @@ def deploy_release(run: Run, looked: Look | None = None) -> Revision:
         ConflictError: other managers' fields or objects; nothing was changed.
         RolloutFailed: it was applied and does not become ready.
         Interrupted: `options.cancel` was set.
-        ClusterError: the cluster refused, does not answer, or another deploy is in progress.
+        ClusterError: the cluster refused, does not answer, or another deploy is in progress; or an
+            image cannot be pulled, and nothing was changed.
     """
     cluster, options = run.cluster, run.options
     looked = looked or look_now(run)
@@ -148,13 +150,14 @@ def apply_and_record(run: Run, looked: Look, lease: Held) -> Revision:
     report_plan(run, plan)
     for line in warn_of_obstacles(found):
         run.report.warn(line)
+    good = revisions.find_good(found.history)
+    pull_images(run, plan, good, lease.check)
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, looked)
     lease.confirm()
     kept = revisions.forget_unfinished(run.cluster, found.history, run.back_to)
     revisions.create(run.cluster, pending)
-    good = revisions.find_good(found.history)
 
     def until_ready(live: Sequence[Manifest]) -> None:
         wait(run, live, good, lease.check)
@@ -213,8 +216,10 @@ def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
     """Mark a revision failed; an interrupted one stays pending and can be continued."""
     if error.exit_code == 130:
         return
+    details = [line for line in error.details[:1] if not line.startswith(" ")]  # no line of a log
+    why = "; ".join([error.message, *details])
     with suppress(ClusterError):  # the first error matters more
-        revisions.update(run.cluster, attrs.evolve(pending, status="failed"))
+        revisions.update(run.cluster, attrs.evolve(pending, status="failed", failure=why))
 
 
 def clean_up(run: Run, kept: Sequence[revisions.Record], good: Revision) -> None:

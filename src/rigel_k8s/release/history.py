@@ -8,9 +8,16 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.text import plural
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.revisions import BY, CREATED, DESCRIPTION, Record, find_good
+
+#: The key of a volume that has its files: (mode, content) by path.
+FILES = "files"
+#: Files of one volume that are named; more are counted.
+MOST_FILES = 3
 
 
 @attrs.frozen
@@ -57,7 +64,7 @@ class History:
         last_good = find_good(records)
         return [
             self.make_entry(record, before, now, replaced=record.number < last_good)
-            for record, before in zip(records, [None, *numbers[:-1]], strict=True)
+            for record, before in zip(records, [None, *numbers], strict=False)
         ]
 
     def make_entry(self, record: Record, before: int | None, now: int, *, replaced: bool) -> Entry:
@@ -87,7 +94,23 @@ def read_workloads(record: Record) -> dict[str, Manifest]:
         objects = record.revision().objects
     except RigelK8sError:
         return {}
-    return {live["metadata"]["name"]: live for live in objects if live["kind"] in WORKLOADS}
+    workloads = [live for live in objects if live["kind"] in WORKLOADS]
+    configs = {live["metadata"]["name"]: live for live in objects if live["kind"] == "ConfigMap"}
+    for live in workloads:
+        pod = live.get("spec", {}).get("template", {}).get("spec", {})
+        pod["volumes"] = [read_files(one, configs) for one in pod.get("volumes") or []]
+    return {live["metadata"]["name"]: live for live in split_all(workloads)}
+
+
+def read_files(volume: Manifest, configs: Mapping[str, Manifest]) -> Manifest:
+    """Return a volume; one that lists files of a ConfigMap has these in place of the latter."""
+    source = volume.get("configMap") or {}
+    if "items" not in source or source.get("name") not in configs:
+        return volume
+    config = configs[source["name"]]
+    content = {**(config.get("data") or {}), **(config.get("binaryData") or {})}
+    items = {item["path"]: (item.get("mode"), content.get(item["key"])) for item in source["items"]}
+    return {"name": volume["name"], FILES: items}
 
 
 def compare(old: dict[str, Manifest], new: dict[str, Manifest], naming: str) -> Iterator[str]:
@@ -122,16 +145,26 @@ def list_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
             continue
         if key in ("template", "spec", "metadata", "annotations"):
             yield from list_keys(before or {}, after or {})
-        elif key in ("containers", "env"):
+        elif key in ("containers", "env", "volumes"):
             named = [{item["name"]: item for item in side or ()} for side in (before, after)]
             for name in sorted({*named[0], *named[1]}):
                 one, other = (side.get(name) for side in named)
                 if key == "containers" and one and other:
                     yield from list_keys(one, other)
+                elif key == "volumes" and one != other:
+                    yield list_files((one or {}).get(FILES), (other or {}).get(FILES))
                 elif one != other:
                     yield f"env {name}" if key == "env" else f"container {name}"
         else:
             yield key.rpartition("/")[2]
+
+
+def list_files(old: Mapping[str, Any] | None, new: Mapping[str, Any] | None) -> str:
+    """Return the files that differ in two volumes, if both are of files."""
+    if old is None or new is None:
+        return "volumes"
+    changed = [path for path in sorted({*old, *new}) if old.get(path) != new.get(path)]
+    return ", ".join(changed) if len(changed) <= MOST_FILES else plural(len(changed), "file")
 
 
 def images(workload: Manifest) -> dict[str, str]:

@@ -84,13 +84,13 @@ def prunes(
 
 def predecessors(plan: Plan) -> list[Step]:
     """Return the prunes that must end before the workloads that replace them may start."""
-    coming = {singleton(step.manifest) for step in plan.steps if step.action == "create"} - {""}
-    return [s for s in plan.steps if s.action == "prune" and singleton(s.live) in coming]
+    coming = {
+        one for step in plan.steps if step.action == "create" for one in singletons(step.manifest)
+    }
+    return [s for s in plan.steps if s.action == "prune" and singletons(s.live) & coming]
 
 
-def singleton(manifest: Manifest | None) -> str:
-    """Return the identity that only one workload may have at a time, "" for none."""
-    if manifest is None:
-        return ""
-    annotations = manifest["metadata"].get("annotations") or {}
-    return str(annotations.get(SINGLETON_ANNOTATION, ""))
+def singletons(manifest: Manifest | None) -> set[str]:
+    """Return the identities that only one workload may have at a time."""
+    annotations = (manifest or {"metadata": {}})["metadata"].get("annotations") or {}
+    return set(str(annotations.get(SINGLETON_ANNOTATION, "")).split())

@@ -1,7 +1,7 @@
 """The records of a release: compressed Secrets, one for each revision, and few of them.
 
-A good deploy leaves LIMIT of them. Until there is one, at most LIMIT unfinished ones come to that:
-every look at a release reads all of its records.
+A good deploy leaves LIMIT of them, and the good one before it. Until there is one, at most LIMIT
+unfinished ones come to that: every look at a release reads all of its records.
 
 A record is a contract with later versions of this tool: its format has a number. It contains no
 Secret's data.
@@ -30,12 +30,13 @@ MAX_SIZE = 1024 * 1024
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
-CREATED, BY, DESCRIPTION, VERSION, BACK_TO = (
+CREATED, BY, DESCRIPTION, VERSION, BACK_TO, FAILURE = (
     "rigel-k8s/created",
     "rigel-k8s/by",
     "rigel-k8s/description",
     "rigel-k8s/tool-version",
     "rigel-k8s/back-to",
+    "rigel-k8s/failure",
 )
 
 
@@ -61,6 +62,11 @@ class Record:
         """The revision that this rollback deploys again; None for a deploy."""
         number = (self.secret["metadata"].get("annotations") or {}).get(BACK_TO)
         return int(number) if number else None
+
+    @property
+    def failure(self) -> str:
+        """Why it failed; "" if it did not, or that is unknown."""
+        return str((self.secret["metadata"].get("annotations") or {}).get(FAILURE, ""))
 
     @property
     def ref(self) -> ObjectRef:
@@ -98,15 +104,16 @@ def create(cluster: Cluster, revision: Revision) -> None:
 
 
 def update(cluster: Cluster, revision: Revision) -> None:
-    """Overwrite a record's status and inventory."""
+    """Overwrite a record's status, inventory and failure."""
     secret = encode(revision)
-    body = {"metadata": {"labels": secret["metadata"]["labels"]}, "data": secret["data"]}
+    metadata = {name: secret["metadata"][name] for name in ("labels", "annotations")}
+    body = {"metadata": metadata, "data": secret["data"]}
     cluster.patch(secret_ref(revision.release, revision.number), body)
 
 
 def forget_old(cluster: Cluster, kept: Sequence[Record]) -> None:
-    """Delete the oldest records beyond LIMIT, but never the last good one."""
-    good = [record for record in kept if record.status == "good"][-1:]
+    """Delete the oldest records beyond LIMIT, but not the last good two: `rollback` needs both."""
+    good = [record for record in kept if record.status == "good"][-2:]
     forget(cluster, [record for record in kept[:-LIMIT] if record not in good])
 
 
@@ -151,6 +158,8 @@ def encode(revision: Revision) -> dict[str, Any]:
     }
     if revision.back_to is not None:
         notes[BACK_TO] = str(revision.back_to)
+    if revision.failure:
+        notes[FAILURE] = revision.failure
     return {
         "apiVersion": "v1",
         "kind": "Secret",
@@ -239,6 +248,7 @@ def decode(record: Record) -> Revision:
         description=notes.get(DESCRIPTION, ""),
         tool_version=notes.get(VERSION, ""),
         back_to=record.back_to,
+        failure=record.failure,
     )
 
 

@@ -96,9 +96,10 @@ def undo(
         options.report.warn("\n".join([why, *details]))
         raise
     except RigelK8sError as error:
+        look, again = (options.write_command(one, release) for one in ("status", "rollback"))
         return kind(
             f"{why}, and it cannot be rolled back to revision {target}: {error.message}",
-            hint="`rigel status` shows what runs; `rigel rollback` tries again",
+            hint=f"{look} shows what runs; {again} tries again",
             details=[*details, *error.details],
         )
     return kind(

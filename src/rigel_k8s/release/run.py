@@ -54,5 +54,6 @@ class Run:
             good: the newest revision that became ready, 0 for none.
         """
         if self.back_to is None and good:
-            return f"`rigel rollback` goes back to revision {good}"
-        return "`rigel status` shows its state"
+            command = self.options.write_command("rollback", self.release)
+            return f"{command} goes back to revision {good}"
+        return f"{self.options.write_command('status', self.release)} shows its state"

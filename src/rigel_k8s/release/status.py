@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -12,14 +12,23 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach, is_ready
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL, OPTIONAL_ANNOTATION, RELEASE_LABEL
+from rigel_k8s.objects.podnodes import shared_pod, split
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.order import RUNNING, WORKLOADS
 from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.rollout.causes import Cause, causes, containers, probe_failure
-from rigel_k8s.release.rollout.readiness import readiness
+from rigel_k8s.release.rollout.causes import (
+    NOT_RUN,
+    Cause,
+    causes,
+    containers,
+    find_crash,
+    find_liveness_failure,
+    probe_failure,
+)
+from rigel_k8s.release.rollout.readiness import readiness, readiness_among
 from rigel_k8s.release.rollout.surroundings import Surroundings, look_around
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import ReleaseId
@@ -49,6 +58,10 @@ class PodStatus:
             if Kubernetes cannot reach its machine.
         created: when it was made, as Kubernetes writes times.
         image: that of its first container.
+        stopped: when its liveness probe last stopped a container, as Kubernetes writes times; "" if
+            a container has ended otherwise since then, or no event shows it.
+        not_alive: what that probe reported.
+        crashed, crash: the same where a container of a ready pod has ended by itself, and how.
     """
 
     name: str
@@ -61,13 +74,20 @@ class PodStatus:
     created: str
     image: str = ""
     kind: str = ""
+    stopped: str = ""
+    not_alive: str = ""
+    crashed: str = ""
+    crash: str = ""
 
 
 @attrs.frozen
 class WorkloadStatus:
     """One workload: how many pods are ready, how many it must have, and why not all are ready.
 
+    One whose pods have several nodes is one for each of them.
+
     Attributes:
+        name: its own, or that of the node in its pods.
         kinds: the kinds of the causes that `message` names (rollout/causes.py).
         drift: what others have changed in it, a sentence's end for each of them (drift.py).
         old_runs: its update is not complete, and pods of the version before it do its work.
@@ -92,6 +112,15 @@ class WorkloadStatus:
 
 
 @attrs.frozen
+class RolledBack:
+    """A failed update: its revision, the one that was rolled back to, and why ("" if unknown)."""
+
+    revision: int
+    to: int
+    cause: str
+
+
+@attrs.frozen
 class ReleaseStatus:
     """A release.
 
@@ -99,6 +128,8 @@ class ReleaseStatus:
         revision: the newest revision's number, 0 if it has none.
         revision_status: its status, "" if it has none, UNSEEN if we may not see revisions.
         good: the number of the newest revision that became ready, 0 if none is known.
+        rolled_back: the last update, if it was rolled back.
+        last_good: the record of the revision `good`, None without one.
     """
 
     release: ReleaseId
@@ -106,11 +137,14 @@ class ReleaseStatus:
     revision_status: str
     workloads: tuple[WorkloadStatus, ...]
     good: int = 0
+    rolled_back: RolledBack | None = None
+    last_good: revisions.Record | None = attrs.field(default=None, eq=False, repr=False)
 
     @property
     def keeps_old(self) -> bool:
         """Whether an update has failed and the version before still does the work."""
-        return any(workload.old_runs and workload.kinds for workload in self.workloads)
+        failed = self.revision_status == "failed"
+        return any(one.old_runs and (failed or one.kinds) for one in self.workloads)
 
 
 def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
@@ -125,11 +159,16 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     )
     described = describe_release(release, found.values(), surroundings, records)
     if described is None:
-        raise UserError(
-            f"there is no release {release.name} in the namespace {release.namespace}",
-            hint="-n NAMESPACE or --context NAME, if it is elsewhere",
-        )
+        raise no_release_error(release)
     return described
+
+
+def no_release_error(release: ReleaseId) -> UserError:
+    """Return the error for a release that is not on the cluster."""
+    return UserError(
+        f"there is no release {release.name} in the namespace {release.namespace}",
+        hint="-n NAMESPACE or --context NAME, if it is elsewhere; `rigel list -A` lists all",
+    )
 
 
 def describe_release(
@@ -149,16 +188,30 @@ def describe_release(
     workloads = [live for live in owned if belongs(live, release)]
     if not workloads and not records:
         return None
+    good = revisions.find_good(records or ())
     return ReleaseStatus(
         release,
         *newest(records),
         tuple(
-            describe_workload(live, surroundings)
+            status
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
+            for status in describe_nodes(live, surroundings)
         ),
-        revisions.find_good(records or ()),
+        good,
+        describe_undone(records or ()),
+        next((record for record in records or () if record.number == good), None),
     )
+
+
+def describe_undone(records: Sequence[revisions.Record]) -> RolledBack | None:
+    """Return the last update, if it has failed and the newest revision is a rollback from it."""
+    newest = records[-1] if records else None
+    if newest is None or newest.status != "good" or newest.back_to is None:
+        return None
+    update = next((record for record in reversed(records) if record.back_to is None), newest)
+    undone = RolledBack(update.number, newest.back_to, update.failure)
+    return undone if update.status == "failed" else None
 
 
 def newest(records: Sequence[revisions.Record] | None) -> tuple[int, str]:
@@ -201,14 +254,34 @@ def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Rec
         return None
 
 
+def describe_nodes(live: Manifest, surroundings: Surroundings) -> Iterator[WorkloadStatus]:
+    """Yield the state of a workload, or of each node if its pods have several."""
+    whole = describe_workload(live, surroundings)
+    for one in split(live):
+        node = one["metadata"]["name"]
+        if not shared_pod(one):
+            yield whole
+            continue
+        parts = [choose_part(pod, node) for pod in surroundings.list_pods(live)]
+        newest = [choose_part(pod, node) for pod in surroundings.list_newest_pods(live)]
+        yield attrs.evolve(
+            whole,
+            name=node,
+            ready=sum(map(is_ready, newest)),
+            pods=describe_pods(parts, surroundings),
+            annotations=one["metadata"].get("annotations") or {},
+        )
+
+
 def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadStatus:
     """Return the state of one workload."""
     sets, pods = surroundings.list_sets(live), surroundings.list_pods(live)
-    state = readiness(live)
+    newest = surroundings.list_newest_pods(live)
+    state = readiness_among(live, newest, pods)
     message, wrong = state.message, list[Cause]()
     if not (state.done and state.ok):
         events = surroundings.list_events(live, *sets, *pods)
-        wrong = causes(live, surroundings.list_newest_pods(live), events, sets)
+        wrong = causes(live, newest, events, sets)
         message = "; ".join([message, *(cause.message for cause in wrong)])
     return WorkloadStatus(
         live["kind"],
@@ -217,10 +290,7 @@ def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadSta
         state.wanted,
         state.done and state.ok,
         message,
-        tuple(
-            describe_pod(pod, surroundings.list_events(pod))
-            for pod in sorted(pods, key=lambda pod: (is_ending(pod), pod["metadata"]["name"]))
-        ),
+        describe_pods(pods, surroundings),
         live["metadata"].get("annotations") or {},
         tuple(cause.kind for cause in wrong),
         tuple(describe_drift(live)),
@@ -228,9 +298,22 @@ def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadSta
     )
 
 
+def describe_pods(pods: Iterable[Manifest], surroundings: Surroundings) -> tuple[PodStatus, ...]:
+    """Return the state of pods, those that are being terminated last."""
+    in_order = sorted(pods, key=lambda pod: (is_ending(pod), pod["metadata"]["name"]))
+    return tuple(describe_pod(pod, surroundings.list_events(pod)) for pod in in_order)
+
+
+def choose_part(pod: Manifest, node: str) -> Manifest:
+    """Return a node's part of a pod; the whole pod if it has none."""
+    parts = {(part["metadata"].get("labels") or {}).get(NAME_LABEL): part for part in split(pod)}
+    return parts.get(node, pod)
+
+
 def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
     """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
+    stopped, not_alive = find_liveness_failure(pod, events)
     return PodStatus(
         meta["name"],
         (pod.get("spec") or {}).get("nodeName", ""),
@@ -238,10 +321,13 @@ def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
         "Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
         is_ready(pod),
         sum(int(c.get("restartCount", 0)) for c in containers(state)),
-        "" if is_ready(pod) else explain_unready(pod, events),
+        "" if is_ready(pod) else explain_unready(pod, events, not_alive),
         meta.get("creationTimestamp", ""),
         next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
         find_kind(pod, events),
+        stopped,
+        not_alive,
+        *(("", "") if stopped else find_crash(pod)),
     )
 
 
@@ -253,7 +339,9 @@ def find_kind(pod: Manifest, events: Sequence[Manifest]) -> str:
     return named.group(1) if named else ""
 
 
-def explain_unready(pod: Manifest, events: Sequence[Manifest]) -> str:
-    """Return why a pod is not ready."""
+def explain_unready(pod: Manifest, events: Sequence[Manifest], not_alive: str = "") -> str:
+    """Return why a pod is not ready; without the probe's report that ended its last life."""
     found = [cause.message for cause in causes(pod, [pod], events)]
-    return "; ".join(filter(None, [*found, probe_failure(pod, events)]))
+    failure = probe_failure(pod, events)
+    past = (not_alive and failure.endswith(not_alive)) or (found and NOT_RUN in failure)
+    return "; ".join(filter(None, [*found, "" if past else failure]))

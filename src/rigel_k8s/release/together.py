@@ -17,7 +17,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.deploy import Look, deploy_release, look
+from rigel_k8s.release.deploy import Look, deploy_release, is_settled, look
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.locking import bury
@@ -94,11 +94,12 @@ class SharedPart(Part):
     away: tuple[str, ...] = ()
 
     def changes(self, looked: Look) -> bool:
-        """Whether something differs, or its last installation did not end well."""
-        last = looked.survey.last
-        if looked.plan.changes or last is None or last.status != "good":
-            return True
-        return last.options != self.desired.options
+        """Whether something differs, or its last installation was another or did not end well.
+
+        The revisions may have been read before another deploy began and the objects after it wrote
+        them: so the last revision's objects are compared as well.
+        """
+        return not is_settled(looked)
 
     def warn_of_away(self, report: Reporter) -> None:
         """Report the machines that are not waited for."""

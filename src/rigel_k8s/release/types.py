@@ -131,6 +131,7 @@ class Revision:
     Attributes:
         back_to: the revision that this rollback deploys again; None for a deploy.
         by: user@machine of the process that made it.
+        failure: why it failed, in one line.
     """
 
     release: ReleaseId
@@ -144,6 +145,7 @@ class Revision:
     tool_version: str = ""
     back_to: int | None = None
     by: str = ""
+    failure: str = ""
 
 
 @attrs.frozen(kw_only=True)
@@ -156,6 +158,7 @@ class DeployOptions:
         adopt: take over objects and fields of other owners.
         description: the revision's name in the history.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
+        names_release: a command must name the release, because the Rigelfile alone does not.
     """
 
     report: Reporter
@@ -164,6 +167,7 @@ class DeployOptions:
     adopt: bool = False
     description: str = ""
     lock_timeout: float | None = None
+    names_release: bool = False
 
     @classmethod
     def of(
@@ -178,6 +182,13 @@ class DeployOptions:
             description=description,
             lock_timeout=settings.lock_timeout,
         )
+
+    def write_command(self, command: str, release: ReleaseId) -> str:
+        """Return a command about a release for a hint, as it is typed in the same directory."""
+        if not self.names_release:
+            return f"`rigel {command}`"
+        name = release.name if command == "status" else f"--release {release.name}"
+        return f"`rigel {command} {name} -n {release.namespace}`"
 
     @property
     def limit(self) -> float:

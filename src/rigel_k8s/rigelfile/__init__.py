@@ -5,7 +5,14 @@ problems with paths, which are located in the text here.
 """
 
 from rigel_k8s.rigelfile.check import CheckResult, check_file, find_type, load
-from rigel_k8s.rigelfile.findings import Finding, find_nearest, place, problems_error, render
+from rigel_k8s.rigelfile.findings import (
+    Finding,
+    find_nearest,
+    name_nearest,
+    place,
+    problems_error,
+    render,
+)
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.options import (
     merge_options,
@@ -32,6 +39,7 @@ __all__ = [
     "load",
     "locate",
     "merge_options",
+    "name_nearest",
     "place",
     "preview",
     "problems_error",

@@ -8,7 +8,6 @@ from rigel_k8s.problems import Path
 
 WITHOUT_DHCP = "use `whereabouts` or `static` with a range that your DHCP server does not give out"
 ALLOY = "use `otel-collector`"
-WARM = "remove it (a node hears its publishers from the hand-over on)"
 
 #: Paths from a job's options, "*" for any key; a value is the last step of its path.
 ENDED: Mapping[tuple[str, ...], str] = {
@@ -20,8 +19,6 @@ ENDED: Mapping[tuple[str, ...], str] = {
     ("observability", "alloy"): ALLOY,
     ("collector", "alloy"): ALLOY,  # a job of the stack's own
     ("alloy",): ALLOY,
-    ("rolling_update", "warm"): WARM,
-    ("nodes", "*", "update", "warm"): WARM,
 }
 
 

@@ -1,9 +1,9 @@
-"""Keys of an option class that another installed package adds, such as Muto's stacks.
+"""Keys of an option class that stand for other values, such as Muto's stacks for nodes.
 
-Such a key stands for the content of another file: before anything else reads the options, it is
-replaced by values that keep their places in that file (`YamlNode.source`), so that a problem with
-one of them is reported there. The class has `extended_by`, the group of entry points with its
-keys; each leads to an Extension.
+Before anything else reads the options, such a key is replaced by values with the places that they
+come from: the key's own, or in another file (`YamlNode.source`). A problem with one of them is
+reported there. The class has `expanded`, its own keys with their Extensions, and `extended_by`, the
+group of entry points by which other installed packages add some.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Expanded:
 
 @attrs.frozen
 class Extension:
-    """A key that a package adds to an option class.
+    """A key of an option class that stands for others.
 
     Attributes:
         field: what a user may write for it.
@@ -64,20 +64,35 @@ class Extension:
     field: Field
     expand: Callable[[YamlNode, Surroundings], Expanded]
 
+    @classmethod
+    def of(
+        cls,
+        key: str,
+        kind: Any,
+        doc: str,
+        expand: Callable[[YamlNode, Surroundings], Expanded],
+        default: Any = None,
+    ) -> Extension:
+        """Return an extension by a key that may be left out."""
+        return cls(Field(key, key, (), kind, required=False, default=default, doc=doc), expand)
+
 
 def expand(node: YamlNode, options: Any, surroundings: Surroundings) -> Expanded:
-    """Return options with the keys of other packages replaced; unchanged without such a key.
+    """Return options with the keys that stand for others replaced; unchanged without such a key.
 
     Raises:
         UserError: a package that adds a key cannot be imported.
     """
-    group = getattr(options, "extended_by", None)
-    if group is None or not isinstance(node.value, dict):
+    if not isinstance(node.value, dict):
         return Expanded(node)
-    unknown = node.value.keys() - fields_by_key(options).keys()
+    own, group = _own(options), getattr(options, "extended_by", None)
     findings: list[Finding] = []
-    for key in sorted(unknown & list_names(group)) if unknown else ():
-        extension: Extension = find(group, key)
+    found = [extension for key, extension in own.items() if key in node.value]
+    if group is not None:
+        unknown = node.value.keys() - fields_by_key(options).keys() - own.keys()
+        installed = unknown & list_names(group) if unknown else ()
+        found += [find(group, key) for key in sorted(installed)]
+    for extension in found:
         expanded = extension.expand(node, surroundings)
         node = expanded.node
         findings += expanded.findings
@@ -85,6 +100,11 @@ def expand(node: YamlNode, options: Any, surroundings: Surroundings) -> Expanded
 
 
 def list_added_fields(cls: Any) -> tuple[Field, ...]:
-    """Return the keys that installed packages add to an option class."""
+    """Return the keys of a class that stand for others, those of installed packages last."""
     group = getattr(cls, "extended_by", None)
-    return tuple(find(group, name).field for name in sorted(list_names(group))) if group else ()
+    installed = (find(group, name) for name in sorted(list_names(group))) if group else ()
+    return tuple(one.field for one in (*_own(cls).values(), *installed))
+
+
+def _own(cls: Any) -> Mapping[str, Extension]:
+    return getattr(cls, "expanded", {})

@@ -18,7 +18,7 @@ import attrs
 from jinja2 import Environment, StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
 from jinja2.sandbox import ImmutableSandboxedEnvironment
 
-from rigel_k8s.rigelfile.findings import find_nearest
+from rigel_k8s.rigelfile.findings import name_nearest
 from rigel_k8s.rigelfile.limits import LONGEST_EXPRESSION, MOST_BITS, MOST_VALUES
 
 _REFERENCE = re.compile(
@@ -159,8 +159,7 @@ def _syntax(error: TemplateSyntaxError, source: str) -> str:
     if missing:
         kind, name = missing.groups()
         known = environment().filters if kind == "filter" else environment().tests
-        near = find_nearest(name, known)
-        return f'unknown {kind} "{name}"' + (f', did you mean "{near}"?' if near else "")
+        return f'unknown {kind} "{name}"{name_nearest(name, known)}'
     return f"{source} is not an expression: {message}"
 
 

@@ -166,22 +166,35 @@ def find_nearest(word: str, known: Iterable[str]) -> str | None:
     if len(word) > _LONGEST_WORD:
         return None
     names = itertools.islice((n for n in known if abs(len(n) - len(word)) < _FAR), _MOST_NAMES)
-    by_folded = {_fold(name): name for name in names}
-    close = difflib.get_close_matches(_fold(word), by_folded, n=1, cutoff=0.6)
-    return by_folded[close[0]] if close else None
+    folded, by_folded = _fold(word), {_fold(name): name for name in names}
+
+    def rank(name: str) -> tuple[float, int]:
+        """How similar a name is, and where it is as similar as another, how many letters fit."""
+        similar = difflib.SequenceMatcher(None, name, folded).ratio()
+        alike = itertools.takewhile(
+            lambda pair: pair[0] == pair[1], zip(name, folded, strict=False)
+        )
+        return similar, sum(1 for _ in alike)
+
+    close = difflib.get_close_matches(folded, by_folded, n=3, cutoff=0.6)
+    return by_folded[max(close, key=rank)] if close else None
 
 
 def _fold(word: str) -> str:
     return word.lower().replace("-", "_")
 
 
+def name_nearest(word: str, known: Iterable[str]) -> str:
+    """Return `, did you mean "x"?`, or "" if none is similar."""
+    near = find_nearest(word, known)
+    return f', did you mean "{near}"?' if near else ""
+
+
 def suggest(word: str, known: Iterable[str]) -> str:
     """Return `, did you mean "x"?`, or the known words if none is similar and they are few."""
     names = list(known)
-    near = find_nearest(word, names)
-    if near:
-        return f', did you mean "{near}"?'
-    if not names:
-        return ""
+    near = name_nearest(word, names)
+    if near or not names:
+        return near
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     return f" (known: {shown})"

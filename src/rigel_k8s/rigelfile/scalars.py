@@ -15,7 +15,7 @@ from rigel_k8s.rigelfile.fields import (
     members,
     unwrap,
 )
-from rigel_k8s.rigelfile.findings import find_nearest
+from rigel_k8s.rigelfile.findings import name_nearest
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -169,8 +169,7 @@ def _choice(node: YamlNode, kind: Any) -> Any:
     else:
         text = _text(node, kind)
     if text not in known:
-        near = find_nearest(text, known)
-        hint = f', did you mean "{near}"?' if near else ""
+        hint = name_nearest(text, known)
         raise Mismatch(f'"{text}" is not {describe_type(kind)}{hint}', "bad-choice")
     is_enum = isinstance(kind, type) and issubclass(kind, enum.Enum)
     return kind(known[text]) if is_enum else known[text]

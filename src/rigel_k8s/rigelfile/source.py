@@ -122,6 +122,19 @@ def node_of(value: Any, at: YamlNode) -> YamlNode:
     raise TypeError(f"{type(value).__name__} is not data")
 
 
+def lay_over(base: YamlNode, over: YamlNode) -> YamlNode:
+    """Return a value with another one laid over it: mappings by key, where null removes a key."""
+    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
+        return over
+    merged = dict(base.value)
+    for key, value in over.value.items():
+        if key in merged and value.value is None and not value.hole:
+            del merged[key]
+        else:
+            merged[key] = lay_over(merged[key], value) if key in merged else value
+    return attrs.evolve(base, value=merged)
+
+
 def locate(root: YamlNode, path: Path) -> YamlNode:
     """Return the node at a path, or the nearest one above if the path does not exist."""
     node = root

@@ -287,7 +287,11 @@ class _Structurer:
         for key, child in node.value.items():
             place = (*path, key)
             new_key = self._key(key, child, unwrap(key_kind), place)
-            value = self.value(child, value_kind, place)
+            nested = getattr(key_kind, "nested", "") if isinstance(child.value, dict) else ""
+            if nested:
+                value = self._report_mismatch(mismatch(child, value_kind, nested % key), place)
+            else:
+                value = self.value(child, value_kind, place)
             if new_key is not _UNKNOWN and value is not _UNKNOWN:
                 result[new_key] = value
         return result

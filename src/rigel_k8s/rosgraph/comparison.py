@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import attrs
 
@@ -21,21 +21,12 @@ from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphTopic, RosGraph
 #: What rospy (PID and milliseconds), roscpp (nanoseconds) and tf2 (an address) add to a name.
 GENERATED = re.compile(r"(_\d+_\d{10,}|_(?=[a-f]*\d)[0-9a-f]{8,})(?=/|$)")
 #: Nodes that start and end without being in the Rigelfile: hidden ones, the exporter, that of
-#: `ros2 launch`, and tools by the names that they make at start (a deployed one has its own).
+#: `ros2 launch`, and tools by the names that they make at start (a deployed one has its own). The
+#: bridge subscribes to what its viewers show.
 TOOLS = re.compile(
-    r"/(.*/)?(_[^/]*|ros_exporter\w*|launch_ros_\d+"
+    r"/(.*/)?(_[^/]*|ros_exporter\w*|foxglove(_bridge)?|launch_ros_\d+"
     r"|(ros(topic|service|node|param|launch|bag)|record|play|rviz|rqt\w*)"
     r"_(\d{3,}|\d+_\d{10,})(_\d+)*)"
-)
-#: The last part of services that each node has, for its parameters and its log, and of those whose
-#: name differs in each pod of a lifecycle node that hands over.
-OWN_SERVICES = frozenset(
-    {
-        *("change_state", "get_available_transitions"),
-        *("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters"),
-        *("set_parameters", "set_parameters_atomically", "get_type_description"),
-        *("get_loggers", "set_logger_level", "get_logger_levels", "set_logger_levels"),
-    }
 )
 #: Messages per second below which a rate is too uncertain to compare, and the part that must stay.
 SLOWEST, PART = 1.0, 0.5
@@ -76,12 +67,20 @@ class _Side:
         return sum(1 for name in owners if name in self.names)
 
 
-def compare(before: RosGraph, after: RosGraph, *, removed: Collection[str] = ()) -> Comparison:
+def compare(
+    before: RosGraph,
+    after: RosGraph,
+    *,
+    removed: Collection[str] = (),
+    broken: Mapping[str, Sequence[str]] | None = None,
+) -> Comparison:
     """Return what has become worse in a graph, and what has only changed.
 
     Args:
         removed: names of nodes of `before` that the update removes on purpose.
+        broken: lines about topics that are no longer as they are expected to be, by their names.
     """
+    broken = broken or {}
     old = make_side(before, {n.name for n in before.nodes if is_own(n)} - {*removed})
     known = set(old.names.values())
     new = make_side(after, {n.name for n in after.nodes if is_own(n) or name_of(n) in known})
@@ -96,7 +95,8 @@ def compare(before: RosGraph, after: RosGraph, *, removed: Collection[str] = ())
             *(problem.message for problem in errors),
             *(line for _, line in topics),
             *compare_services(old, new),
-            *compare_rates(old, new, lost, removed),
+            *compare_rates(old, new, lost | {*map(generalise, broken)}, removed),
+            *(line for name in broken if generalise(name) not in lost for line in broken[name]),
         ),
         changed=(
             *list_changes(old, new, removed),
@@ -180,7 +180,10 @@ def identify(problem: Problem) -> tuple[object, ...]:
 
 
 def compare_topics(old: _Side, new: _Side) -> Iterator[tuple[str, str]]:
-    """Yield (topic, line) of topics with fewer publishers or subscribers than before."""
+    """Yield (topic, line) of topics with fewer publishers or subscribers than before.
+
+    A subscriber that never heard a publisher is no loss: an update may correct a topic's name.
+    """
     for name, topic in old.topics.items():
         now = new.topics.get(name, GraphTopic(name))
         for what, a, b in (
@@ -188,7 +191,7 @@ def compare_topics(old: _Side, new: _Side) -> Iterator[tuple[str, str]]:
             ("subscriber", topic.subscribers, now.subscribers),
         ):
             had, has = old.count(a), new.count(b)
-            if has < had:
+            if has < had and (has or topic.publishers):
                 yield name, f"{show(name)} had {plural(had, what)}, now {has}"
 
 
@@ -209,8 +212,7 @@ def count_providers(side: _Side) -> Counter[str]:
     """Return how many nodes provide each service; those that each node has are left out."""
     found: Counter[str] = Counter()
     for service in side.graph.services:
-        last = service.name.rpartition("/")[2]
-        if last not in OWN_SERVICES and "/_" not in service.name:
+        if service.is_public:
             found[generalise(service.name)] += side.count(service.providers)
     return found
 
@@ -239,7 +241,9 @@ def list_changes(old: _Side, new: _Side, removed: Collection[str]) -> Iterator[s
         if new.count((*new.topics[name].publishers, *new.topics[name].subscribers)):
             yield f"{show(name)} is a new topic"
     for name, topic in old.topics.items():
-        now = new.topics.get(name, topic)
+        now = new.topics.get(name, GraphTopic(name))
+        if old.count(topic.subscribers) and not topic.publishers and not new.count(now.subscribers):
+            yield f"{show(name)} has no subscriber now, it had no publisher"
         if topic.type and now.type not in ("", topic.type) and not now.mismatches:
             yield f"{show(name)} has the type {now.type} now, it was {topic.type}"
 

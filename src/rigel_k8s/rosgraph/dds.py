@@ -10,17 +10,15 @@ for ros_discovery_info. scripts/dds_graph.py runs there; this module reads its o
 
 from __future__ import annotations
 
-import json
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rigel_exporter import dds_names as names
+from rigel_k8s.discovery.inside import choose_domain, configure, listen
 from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.network.modes.peers import peer_name
-from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import (
     GraphNode,
@@ -30,20 +28,6 @@ from rigel_k8s.rosgraph.types import (
     compare_types,
 )
 
-#: The modules that are sent, each after those that it imports.
-MODULES = (
-    *(f"rigel_inpod.{name}" for name in ("rtps", "spdp", "interfaces")),
-    *(
-        f"rigel_exporter.{name}"
-        for name in (
-            *("messages", "samples", "graph", "dds_names", "dds_discovery", "dds_wire"),
-            *("dds_reliable", "dds_peer", "dds_participant", "dds_view"),
-            *("dds_ways", "dds"),
-        )
-    ),
-    "rigel_exporter.dds_graph",
-)
-PACKAGES = ("rigel_inpod", "rigel_exporter")
 #: Requests to a service: its providers read them, its clients write them.
 REQUEST, REQUESTS = "rq/", "Request"
 
@@ -53,8 +37,10 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
 
     Raises:
         ClusterError: no pod runs to listen in, its Python is too old, or the nodes speak zenoh,
-            whose discovery this does not read.
+            whose discovery this does not read; or none takes part.
     """
+    if not members:
+        raise ClusterError("the release has no ROS graph: none of its nodes uses ROS or DDS")
     if all(member.middleware == "zenoh" for member in members):
         raise ClusterError(
             "cannot read the ROS graph: the nodes use zenoh, and only DDS discovery can be read",
@@ -62,11 +48,10 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
         )
     domain = choose_domain(members)
     config = configure(members, domain)
-    modules = [(name, "") for name in PACKAGES] + [(name, read_module(name)) for name in MODULES]
     failures = []
     for pod in choose_pods(pods, members, domain):
         try:
-            return parse(run_inside(cluster, pod, modules, [json.dumps(config)]))
+            return parse(listen(cluster, pod, config))
         except ClusterError as error:
             failures.append(error)
     if not failures:
@@ -80,27 +65,6 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
         hint="it needs Python 3.9 in a node's image; `observability: {enabled: true}` deploys the"
         " ROS exporter, whose image has it",
     )
-
-
-def choose_domain(members: Iterable[Member]) -> int:
-    """Return the domain that most nodes are in; 0 if their images decide."""
-    counts = Counter(member.domain or 0 for member in members)
-    return counts.most_common(1)[0][0]
-
-
-def configure(members: Sequence[Member], domain: int) -> dict[str, Any]:
-    """Return the arguments of the exporter's Domain, to join discovery as the nodes do."""
-    first = next(member for member in members if (member.domain or 0) == domain)
-    modes = {"peers": "peers", "discovery-server": "discovery-server"}
-    mode = modes.get(first.mode, "discovery-server" if first.servers else "multicast")
-    config: dict[str, Any] = {"domain": domain, "mode": mode}
-    if first.interface:
-        config["interface"] = first.interface
-    if mode == "peers":
-        config["peers"] = sorted({peer_name(member.workload) for member in members})
-    if mode == "discovery-server":
-        config["servers"] = list(first.servers)
-    return config
 
 
 def choose_pods(

@@ -10,16 +10,20 @@ import attrs
 from rigel_k8s.discovery.members import (
     find_container,
     generation_of_note,
+    has_layer,
+    name_memory,
     parse_json,
     runs,
 )
 from rigel_k8s.generation import Generation
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ending, is_ready
-from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION, ROS_NAME_ANNOTATION
+from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
+from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.observability.names import EXPORTER
-from rigel_k8s.rosgraph.types import GraphNode
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 
 @attrs.frozen
@@ -31,6 +35,8 @@ class GraphPod:
         ros_name: what its annotation names, "" for none (a launch file's pod has several nodes).
         addresses: all that it has; they show which nodes are in it.
         running: its container runs.
+        has_layer: its ROS 2 processes note what passes.
+        memory: the pod or the machine whose memory Fast DDS uses in it, "" for none.
     """
 
     name: str
@@ -43,6 +49,13 @@ class GraphPod:
     addresses: frozenset[str] = frozenset()
     ready: bool = False
     running: bool = False
+    has_layer: bool = False
+    memory: str = ""
+
+    @property
+    def key(self) -> str:
+        """Differs for each node of a pod."""
+        return f"{self.name}/{self.container}"
 
     @property
     def is_master(self) -> bool:
@@ -56,16 +69,17 @@ class GraphPod:
 
 
 def read_pods(items: Iterable[Mapping[str, Any]]) -> tuple[GraphPod, ...]:
-    """Return pods by name; those that are ending are left out."""
-    found = [read_pod(item) for item in items if not is_ending(dict(item))]
-    return tuple(sorted(found, key=lambda pod: pod.name))
+    """Return pods by name, one with several nodes for each; those that are ending are left out."""
+    found = [read_pod(item) for item in split_all(items) if not is_ending(item)]
+    return tuple(sorted(found, key=lambda pod: pod.key))
 
 
 def read_pod(item: Mapping[str, Any]) -> GraphPod:
     """Return the values of a pod's manifest and status."""
     meta, spec, status = item["metadata"], item["spec"], item.get("status") or {}
     notes = meta.get("annotations") or {}
-    container = str((find_container(spec) or spec["containers"][0])["name"])
+    own = find_container(spec) or spec["containers"][0]
+    container = str(own["name"])
     return GraphPod(
         name=str(meta["name"]),
         namespace=str(meta["namespace"]),
@@ -77,6 +91,8 @@ def read_pod(item: Mapping[str, Any]) -> GraphPod:
         addresses=frozenset(list_addresses(notes, status)),
         ready=is_ready(dict(item)),
         running=runs(status, container),
+        has_layer=has_layer(own),
+        memory=name_memory(item, parse_json(notes.get(NETWORK_ANNOTATION), {})),
     )
 
 
@@ -95,14 +111,14 @@ def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
     A Deployment without replicas promises none, nor does a program without ROS.
     """
     found = {}
-    for item in deployments:
+    for item in split_all(deployments):
         notes = item["metadata"].get("annotations") or {}
         inner = item["spec"].get("template", {}).get("metadata", {}).get("annotations") or {}
         name = notes.get(ROS_NAME_ANNOTATION)
-        with_ros = inner.get(ROS_ANNOTATION) != "none" and (
+        with_ros = not denies_ros(inner) and (
             parse_json(inner.get(NETWORK_ANNOTATION), {}).get("ros") != "none"
         )
-        if name and with_ros and item["spec"].get("replicas", 1) and not is_ending(dict(item)):
+        if name and with_ros and item["spec"].get("replicas", 1) and not is_ending(item):
             found[str(name)] = str(item["metadata"]["name"])
     return found
 
@@ -115,7 +131,7 @@ def place_nodes(
     A node is in the pod that is annotated with its name, else in the only one at its address. A pod
     whose program uses another name than the expected one does not count as missing.
     """
-    made = [place_node(node, pods) for node in nodes]
+    made = [node if node.pod else place_node(node, pods) for node in nodes]
     names, workloads = {node.name for node in made}, {node.workload for node in made}
     for name, workload in expected.items():
         if name not in names and workload not in workloads:
@@ -137,6 +153,26 @@ def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
     return attrs.evolve(node, machine=machines.pop() if len(machines) == 1 else "")
 
 
+def mark_shared(
+    graph: RosGraph, nodes: Iterable[GraphNode], pods: Iterable[GraphPod]
+) -> tuple[GraphTopic, ...]:
+    """Return a graph's topics with the pairs of nodes whose messages go by shared memory."""
+    memory = {(pod.name, pod.workload): pod.memory for pod in pods}
+    of_node = {node.name: memory.get((node.pod, node.workload), "") for node in nodes}
+    return tuple(
+        attrs.evolve(
+            topic,
+            shared=tuple(
+                (one, other)
+                for one in topic.publishers
+                for other in topic.subscribers
+                if one != other and of_node.get(one) and of_node[one] == of_node.get(other)
+            ),
+        )
+        for topic in graph.topics
+    )
+
+
 def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the names of nodes whose pods are being terminated.
 
@@ -146,7 +182,7 @@ def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     Args:
         items: all pods of the release, as the API server returns them.
     """
-    ending = [read_pod(item) for item in items if is_ending(dict(item))]
+    ending = [read_pod(item) for item in split_all(items) if is_ending(item)]
     return tuple(sorted({pod.ros_name or pod.workload for pod in ending}))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 
 from rigel_k8s.problems import Problem
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
@@ -12,6 +13,9 @@ OPTIONAL_TOPICS = frozenset(
     {"/clock", "/diagnostics", "/parameter_events", "/rosout", "/statistics", "/tf", "/tf_static"}
 )
 
+#: Seconds after which an executor that does not look for work is worth a line.
+STANDS = 10.0
+
 
 def find_problems(graph: RosGraph) -> tuple[Problem, ...]:
     """Return what is wrong, errors first. A publisher without subscribers is not a problem.
@@ -19,7 +23,8 @@ def find_problems(graph: RosGraph) -> tuple[Problem, ...]:
     The subjects of a problem are nodes; that of a topic has the topic in its path.
     """
     problems = [problem for node in graph.nodes for problem in check_node(node)]
-    problems += [problem for topic in graph.topics for problem in check_topic(topic)]
+    published = [topic for topic in graph.topics if topic.publishers and topic.is_public]
+    problems += [found for topic in graph.topics for found in check_topic(topic, published)]
     return tuple(sorted(problems, key=lambda problem: not problem.is_error))
 
 
@@ -40,6 +45,10 @@ def check_node(node: GraphNode) -> Iterator[Problem]:
         yield Problem(
             (), f"{node.name} does not answer", "no-answer", remedy=remedy, subjects=subjects
         )
+    elif node.stands > STANDS:
+        message = f"{node.name}: no turn of its executor for {node.stands:.0f} s"
+        remedy = "find the callback that does not return"
+        yield Problem((), message, "stuck", "warning", remedy=remedy, subjects=subjects)
     elif not node.ready:
         message = f"{node.name}: its pod {node.pod} is not ready"
         remedy = "`rigel status` has the reason"
@@ -55,14 +64,23 @@ def explain_missing(node: GraphNode) -> str:
     return f"its pod {node.pod} is ready; check whether its program uses another name"
 
 
-def check_topic(topic: GraphTopic) -> Iterator[Problem]:
-    """Yield what is wrong with a topic."""
+def check_topic(topic: GraphTopic, published: Sequence[GraphTopic]) -> Iterator[Problem]:
+    """Yield what is wrong with a topic; its name may be misspelt if a published one is similar."""
     path = ("topics", topic.name)
     for other in topic.mismatches:
         message = f"{other.node} uses {topic.name} as {other.type}, the others as {topic.type}"
         remedy = "build both from the same messages"
         yield Problem(path, message, "type", remedy=remedy, subjects=(other.node,))
+    for name in topic.alone:
+        message = f"{name} has no partner on {topic.name}, although the topic has others"
+        remedy = "compare reliability and durability of both ends; `rigel status` checks discovery"
+        yield Problem(path, message, "unmatched", "warning", remedy=remedy, subjects=(name,))
+    yield from topic.losses
     if topic.subscribers and not topic.publishers and topic.name not in OPTIONAL_TOPICS:
         some = ", ".join(topic.subscribers[:3]) + (", ..." if len(topic.subscribers) > 3 else "")
         message = f"{topic.name} has no publisher; subscribed by {some}"
-        yield Problem(path, message, "no-publisher", "warning", subjects=topic.subscribers)
+        alike = [one.name for one in published if not topic.type or one.type == topic.type]
+        near = get_close_matches(topic.name, alike, n=1)
+        remedy = f"is {near[0]} meant, which is published?" if near else ""
+        subjects = topic.subscribers
+        yield Problem(path, message, "no-publisher", "warning", remedy=remedy, subjects=subjects)

@@ -6,28 +6,48 @@ release's ROS version, and of how the graph is read. Nothing is written, and no 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import attrs
 
-from rigel_k8s.discovery.members import members
+from rigel_k8s.discovery.members import Member, members
 from rigel_k8s.errors import UserError
+from rigel_k8s.generation import Generation
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
-from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.rosgraph.pods import (
+    GraphPod,
+    expected_nodes,
+    find_leaving,
+    mark_shared,
+    place_nodes,
+    read_pods,
+)
+from rigel_k8s.rosgraph.types import SPAN, RosGraph
 
 
-def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
+def read_graph(cluster: Cluster, release: ReleaseId, *, span: float = SPAN) -> RosGraph:
     """Return the graph that a release's nodes are in, perhaps with others; this takes seconds.
 
     Nodes that the release expects and that are missing are in it with `registered` False.
+
+    Args:
+        span: seconds between two readings, of which rates are made; 0 for no rates.
 
     Raises:
         UserError: nothing of the release is on the cluster.
         ClusterError: the graph cannot be read; the message has the cause.
     """
-    items = list_pods(cluster, release)
+    return read_graph_of(cluster, release, list_pods(cluster, release), span)
+
+
+def read_graph_of(
+    cluster: Cluster, release: ReleaseId, items: Sequence[dict[str, Any]], span: float
+) -> RosGraph:
+    """Return the graph of a release whose pods are listed already; as read_graph."""
     own = {RELEASE_LABEL: release.name}
     deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
     pods, participants = read_pods(items), members(items)
@@ -36,10 +56,17 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
             f"no pod of {release.name} is in the namespace {release.namespace}",
             hint="`rigel status` shows what runs; -n names another namespace",
         )
-    ros = next((pod.ros for pod in pods if bool(participants) == pod.ros.dds), pods[0].ros)
-    graph = ros.read_graph(cluster, pods, participants)
+    graph = choose_generation(pods, participants).read_graph(cluster, pods, participants, span)
+    nodes = place_nodes(graph.nodes, pods, expected_nodes(deployments))
     return attrs.evolve(
         graph,
-        nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)),
+        nodes=nodes,
+        topics=mark_shared(graph if span else graph.without_rates(), nodes, pods),
         leaving=find_leaving(items),
+        span=span,
     )
+
+
+def choose_generation(pods: Sequence[GraphPod], participants: Sequence[Member]) -> Generation:
+    """Return the generation that reads a release's graph, by its pods and those in DDS."""
+    return next((pod.ros for pod in pods if bool(participants) == pod.ros.dds), pods[0].ros)

@@ -15,17 +15,17 @@ from typing import Any
 
 from rigel_exporter.ros1_traffic import Ledger
 from rigel_gate.calls import DESCRIBE_GATE
+from rigel_k8s.discovery.inside import read_module, run_inside
 from rigel_k8s.discovery.members import runs
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.objects.facts import is_ending
-from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
-from rigel_k8s.rosgraph.inside import read_module, run_inside
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.types import (
     GraphNode,
@@ -35,8 +35,10 @@ from rigel_k8s.rosgraph.types import (
     compare_types,
 )
 
-#: Every exporter's name begins with it. Exporters read the graph and are left out of it.
+#: Every exporter's name begins with it. What reads the graph is left out of it.
 EXPORTER_NAME = "/ros_exporter"
+#: How the names of our own programs begin that follow a topic.
+HIDDEN = "/_rigel"
 #: What the master and nodes report instead of an unknown type.
 NO_TYPE = ("", "*")
 PYTHONS = ("python3", "python", "python2")
@@ -49,17 +51,22 @@ sys.stdout.write(gate.{DESCRIBE_GATE}("/rigel")[2])
 """
 
 
-def read(cluster: Cluster, pods: Sequence[GraphPod]) -> RosGraph:
+def read(cluster: Cluster, pods: Sequence[GraphPod], span: float) -> RosGraph:
     """Return the graph as the master and its nodes report it, without machines and pods.
 
     Raises:
         ClusterError: no pod runs in which to run the request, or the master does not answer.
     """
+    return parse(ask(cluster, pods, span))
+
+
+def ask(cluster: Cluster, pods: Sequence[GraphPod], span: float) -> Mapping[str, Any]:
+    """Return what the master and its nodes answer. Raises as read."""
     modules = [
         ("rosrpc", read_module("rigel_inpod.rosrpc")),
         ("ros1_graph", read_module("rigel_inpod.sent.ros1_graph")),
     ]
-    return parse(run_inside(cluster, choose_pod(pods), modules, pythons=PYTHONS))
+    return run_inside(cluster, choose_pod(pods), modules, [str(span)], pythons=PYTHONS)
 
 
 def choose_pod(pods: Sequence[GraphPod]) -> GraphPod:
@@ -125,8 +132,8 @@ def list_others(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_exporter(name: str) -> bool:
-    """Whether a node is a ROS exporter."""
-    return name == EXPORTER_NAME or name.startswith(f"{EXPORTER_NAME}_")
+    """Whether a node is a ROS exporter, or another program of ours that looks."""
+    return name == EXPORTER_NAME or name.startswith((f"{EXPORTER_NAME}_", HIDDEN))
 
 
 def measure_rates(counted: Iterable[Mapping[str, Any]]) -> dict[str, float]:
@@ -136,7 +143,7 @@ def measure_rates(counted: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """
     rates: dict[str, float] = {}
     for node in counted:
-        if "stats" not in node or not node["seconds"] > 0:
+        if not node.get("seconds", 0) > 0:
             continue
         ledger, before = Ledger(), {}
         for stats in node["stats"]:
@@ -170,13 +177,22 @@ def read_parameter(cluster: Cluster, release: ReleaseId, name: str) -> tuple[Any
     return (found["value"],) if "value" in found else ()
 
 
+def write_parameters(cluster: Cluster, release: ReleaseId, values: Mapping[str, Any]) -> None:
+    """Set parameters, by their full names. Raises as list_parameters."""
+    ask_master(
+        cluster,
+        release,
+        *(word for name, value in values.items() for word in (name, json.dumps(value))),
+    )
+
+
 def ask_master(cluster: Cluster, release: ReleaseId, *words: str) -> Mapping[str, Any]:
-    """Return the names of the master's parameters, or the value of one. Raises as above."""
+    """Return what ros1_parameters.py answers to these words. Raises as above."""
     pods = read_pods(list_pods(cluster, release))
     if pods and all(pod.ros.dds for pod in pods):
         raise UserError(
             f"{release.name} has no ROS master with parameters",
-            hint="`ros2 param` in `rigel exec` shows those of a ROS 2 node",
+            hint="`rigel param list NODE` shows those of a ROS 2 node",
         )
     modules = [("ros1_parameters", read_module("rigel_inpod.sent.ros1_parameters"))]
     return run_inside(cluster, choose_pod(pods), modules, words, pythons=PYTHONS)

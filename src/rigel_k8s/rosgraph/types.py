@@ -11,8 +11,22 @@ from collections.abc import Mapping, Sequence
 
 import attrs
 
+from rigel_k8s.problems import Problem
+
+#: Seconds between two readings, of which rates are made.
+SPAN = 2.0
 #: Topics that each node has, and the log that a ROS 1 master's node collects.
 OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
+#: The last part of services that each node has, for its parameters and its log, and of those whose
+#: name differs in each pod of a lifecycle node that hands over.
+OWN_SERVICES = frozenset(
+    {
+        *("change_state", "get_available_transitions"),
+        *("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters"),
+        *("set_parameters", "set_parameters_atomically", "get_type_description"),
+        *("get_loggers", "set_logger_level", "get_logger_levels", "set_logger_levels"),
+    }
+)
 #: The end of an action's name for one of its hidden topics, which stands for the action.
 FEEDBACK = "/_action/feedback"
 
@@ -29,6 +43,7 @@ class GraphNode:
         registered: it is in the ROS master, or in discovery.
         up: it is registered and answers.
         ready: its pod is ready; True for a node without a pod.
+        stands: seconds for which its process has not looked for work, 0 while it waits for some.
     """
 
     name: str
@@ -39,6 +54,7 @@ class GraphNode:
     registered: bool = True
     up: bool = True
     ready: bool = True
+    stands: float = attrs.field(default=0.0, eq=False)
 
 
 @attrs.frozen
@@ -58,6 +74,14 @@ class GraphTopic:
         publishers, subscribers: the names of nodes, sorted, each once.
         mismatches: endpoints that have another type than `type`.
         rate: messages per second, None if it is unknown.
+        gap: the longest time between two messages of a publisher in the last minute, or since its
+            last one, in seconds; None if it is unknown.
+        age: how old the last message was when it was taken, in seconds, of the subscriber with the
+            oldest; None if it is unknown.
+        exists: seconds since its youngest publisher was made, None if that is unknown.
+        alone: nodes whose endpoint has no partner, although the topic has others.
+        losses: one for each subscriber that loses messages on the way.
+        shared: (publisher, subscriber) of nodes whose messages go by shared memory.
     """
 
     name: str
@@ -66,6 +90,12 @@ class GraphTopic:
     subscribers: tuple[str, ...] = ()
     mismatches: tuple[Mismatch, ...] = ()
     rate: float | None = attrs.field(default=None, eq=False)
+    gap: float | None = attrs.field(default=None, eq=False)
+    age: float | None = attrs.field(default=None, eq=False)
+    exists: float | None = attrs.field(default=None, eq=False)
+    alone: tuple[str, ...] = attrs.field(default=(), eq=False)
+    losses: tuple[Problem, ...] = attrs.field(default=(), eq=False)
+    shared: tuple[tuple[str, str], ...] = attrs.field(default=(), eq=False)
 
     @property
     def is_public(self) -> bool:
@@ -83,6 +113,11 @@ class GraphService:
     type: str = ""
     providers: tuple[str, ...] = ()
 
+    @property
+    def is_public(self) -> bool:
+        """Not one that each node has, and not a hidden one, such as those of an action."""
+        return self.name.rpartition("/")[2] not in OWN_SERVICES and "/_" not in self.name
+
 
 @attrs.frozen
 class RosGraph:
@@ -94,12 +129,14 @@ class RosGraph:
     Attributes:
         leaving: the names of nodes whose pods are being terminated. What they publish may be in
             the graph until they have ended.
+        span: seconds over which the rates were measured, 0 if they are exact or there are none.
     """
 
     nodes: tuple[GraphNode, ...] = ()
     topics: tuple[GraphTopic, ...] = ()
     services: tuple[GraphService, ...] = ()
     leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
+    span: float = attrs.field(default=0.0, eq=False)
 
     def with_rates(self, rates: Mapping[str, float]) -> RosGraph:
         """Return the graph with these rates, by topic, where it has none."""
@@ -107,6 +144,11 @@ class RosGraph:
             topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
             for topic in self.topics
         )
+        return attrs.evolve(self, topics=tuple(topics))
+
+    def without_rates(self) -> RosGraph:
+        """Return the graph without rates, of a time that was too short for them."""
+        topics = (attrs.evolve(topic, rate=None) for topic in self.topics)
         return attrs.evolve(self, topics=tuple(topics))
 
 

@@ -14,30 +14,33 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import attrs
 
-from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
+from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
+from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.observability.names import EXPORTER_PORT
 from rigel_k8s.release.deploy import find_last_good
-from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
+    from rigel_exporter.expecting import Expected
     from rigel_k8s.rosgraph.comparison import Comparison
+    from rigel_k8s.rosgraph.expectations import Verdict
     from rigel_k8s.rosgraph.types import RosGraph
 
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
 LEAVING = 60.0  # seconds that the previous pods have to end; Kubernetes gives them 30 by default
 AGAIN = 1.0  # seconds between two looks
+MOMENT = 5.0  # seconds that nodes have for their topics in a first deploy
 MOST = 20  # lines of a report
+#: Problems that names or types cause which do not fit.
+MISFITS = ("no-publisher", "type")
 WORKLOADS = ("DaemonSet", "Deployment", "StatefulSet")
 
 
@@ -47,11 +50,14 @@ class GraphWorse(RigelK8sError):
 
 @attrs.define
 class GraphWatch:
-    """One update of a release, watched: `begin`, the roll-out, then `report`.
+    """One deploy of a release, watched: `begin`, the roll-out, then `report`.
 
     Attributes:
         last_good: the revision that was good when the update began, None without one.
         patience: seconds that the graph may stay worse after the roll-out.
+        expected: of topics. An update that breaks it makes the graph worse, and is refused if it is
+            strict.
+        quick: the graph is read quickly, so a first deploy reports topics that do not fit.
     """
 
     cluster: Cluster
@@ -59,9 +65,20 @@ class GraphWatch:
     reporter: Reporter
     cancel: threading.Event
     patience: float = PATIENCE
+    expected: Mapping[str, Expected] = attrs.field(factory=dict)
+    quick: bool = False
     last_good: int | None = None
+    _first: bool = False
     _before: RosGraph | None = None
     _removed: frozenset[str] = frozenset()
+    _broken: list[Verdict] = attrs.field(factory=list)
+
+    @property
+    def span(self) -> float:
+        """For how many seconds rates are measured."""
+        from rigel_k8s.rosgraph.expectations import choose_span
+
+        return choose_span(self.expected)
 
     def begin(self, plan: Plan) -> None:
         """Read the graph, if the plan replaces pods of a release that was good."""
@@ -69,11 +86,14 @@ class GraphWatch:
             return
         last = find_last_good(self.cluster, self.release)
         if last is None:
+            self._first = True
             return
         self.last_good = last.number
+        if not uses_ros(plan):
+            return
         self.reporter.progress("ROS graph", "being read before the update")
         try:
-            self._before = read_with_rates(self.cluster, self.release)
+            self._before = read_graph(self.cluster, self.release, self.span)
         except RigelK8sError as error:
             self._warn("is not compared", error)
             return
@@ -89,9 +109,11 @@ class GraphWatch:
             insist: refuse a graph that is worse.
 
         Raises:
-            GraphWorse: it is, and `insist` is set; see its details.
+            GraphWorse: it is, and `insist` is set, or it breaks what is strict; see its details.
             Interrupted: `cancel` was set.
         """
+        if self._first and self.quick:
+            self.report_misfits()
         found = self.find_differences()
         if found is None:
             return
@@ -101,13 +123,33 @@ class GraphWatch:
         self.reporter.progress("ROS graph", state, done=True)
         for line in limit(found.changed):
             self.reporter.line(f"  {line}")
-        if found.worse and insist:
+        if found.worse and (insist or any(one.strict for one in self._broken)):
             where = f"{self.release.name} in {self.release.namespace}"
             raise GraphWorse(
                 f"the ROS graph of {where} is worse than before the update",
                 details=limit(found.worse),
             )
         for line in limit(found.worse):
+            self.reporter.warn(line)
+
+    def report_misfits(self) -> None:
+        """Warn of topics that are subscribed to without a publisher, and of two types.
+
+        Names that do not fit are the most common mistake of a first deploy. Nodes that are ready
+        may need a moment for their topics.
+        """
+        from rigel_k8s.rosgraph.problems import find_problems
+
+        until = time.monotonic() + MOMENT
+        while True:
+            try:
+                found = find_problems(read_graph(self.cluster, self.release, 0.0))
+            except RigelK8sError:  # `rigel graph` reports why
+                return
+            misfits = tuple(problem.text for problem in found if problem.kind in MISFITS)
+            if not misfits or time.monotonic() >= until or self.cancel.wait(AGAIN):
+                break
+        for line in limit(misfits):
             self.reporter.warn(line)
 
     def find_differences(self) -> Comparison | None:
@@ -128,12 +170,14 @@ class GraphWatch:
             found: Comparison | RigelK8sError
             leaving: tuple[str, ...] = ()
             try:
-                after = read_with_rates(self.cluster, self.release)
+                after = read_graph(self.cluster, self.release, self.span)
             except RigelK8sError as error:
                 found, state = error, error.message
             else:
+                self._broken = self.find_broken(after)
                 after = keep_highest(after, highest)
-                found = compare(self._before, after, removed=self._removed)
+                lines = group_lines(self._broken)
+                found = compare(self._before, after, removed=self._removed, broken=lines)
                 state = next(iter(found.worse), "")
                 leaving = after.leaving
             now = time.monotonic()
@@ -142,7 +186,8 @@ class GraphWatch:
                 until = now + self.patience
             elif not state or now >= until:
                 break
-            self.reporter.progress("ROS graph", state)
+            given = f"{self.patience:.0f} s are given for that"
+            self.reporter.progress("ROS graph", f"{state}; {given}")
             if self.cancel.wait(AGAIN):
                 raise Interrupted(
                     "stopped while comparing the ROS graph; what was applied stays on the cluster"
@@ -152,10 +197,27 @@ class GraphWatch:
             return None
         return found
 
+    def find_broken(self, after: RosGraph) -> list[Verdict]:
+        """Return what is not as expected now, and was before the update."""
+        from rigel_k8s.rosgraph.expectations import compare_with, list_broken
+
+        assert self._before is not None
+        return list_broken(*(compare_with(self.expected, one) for one in (self._before, after)))
+
     def _warn(self, what: str, error: RigelK8sError) -> None:
         self.reporter.progress("ROS graph", what, done=True)
         details = "".join(f"\n  {line}" for line in error.details)
         self.reporter.warn(f"the ROS graph {what}: {error.message}{details}")
+
+
+def group_lines(broken: Iterable[Verdict]) -> dict[str, list[str]]:
+    """Return the lines about each topic, each once."""
+    lines: dict[str, list[str]] = {}
+    for one in broken:
+        known = lines.setdefault(one.topic, [])
+        if one.line not in known:
+            known.append(one.line)
+    return lines
 
 
 def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
@@ -165,33 +227,11 @@ def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
     return (*lines[: MOST - 1], f"and {len(lines) - MOST + 1} more; `rigel graph` shows all")
 
 
-def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
-    """Return a release's graph, with the rates that its exporter hears; raises as read_graph."""
-    from rigel_k8s.rosgraph.reading import read_graph
+def read_graph(cluster: Cluster, release: ReleaseId, span: float) -> RosGraph:
+    """Return a release's graph; what reads it is imported here, see above."""
+    from rigel_k8s.rosgraph.reading import read_graph as read
 
-    with ThreadPoolExecutor(max_workers=1) as beside:
-        heard = beside.submit(read_rates, cluster, release)
-        graph = read_graph(cluster, release)
-        return graph.with_rates(heard.result())
-
-
-def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
-    """Return messages per second by topic; none without an exporter, or if it does not answer.
-
-    The nodes of ROS 1 count themselves, so its exporter is not queried.
-    """
-    from rigel_k8s.rosgraph.inside import read_module, run_inside
-    from rigel_k8s.rosgraph.pods import read_pods
-
-    modules = [("heard", read_module("rigel_inpod.sent.heard"))]
-    try:
-        pods = read_pods(list_pods(cluster, release))
-        for pod in pods:
-            if pod.is_exporter and pod.running and pod.ros.dds:
-                return run_inside(cluster, pod, modules, [str(EXPORTER_PORT)])
-    except ClusterError:
-        return {}
-    return {}
+    return read(cluster, release, span=span)
 
 
 def keep_highest(graph: RosGraph, highest: dict[str, float]) -> RosGraph:
@@ -212,6 +252,16 @@ def changes_pods(step: Step) -> bool:
     return bool(step.live.get("spec") != step.result.get("spec"))
 
 
+def uses_ros(plan: Plan) -> bool:
+    """Whether a workload that is on the cluster is of ROS; each is, unless its pods deny it."""
+    return any(
+        not denies_ros(one["spec"]["template"]["metadata"].get("annotations"))
+        for step in plan.steps
+        if step.ref.kind in WORKLOADS and step.live is not None
+        for one in split(step.live)
+    )
+
+
 def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
     """Return the names of nodes that a plan removes on purpose.
 
@@ -227,10 +277,12 @@ def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
         then = step.result if step.result is not None else step.manifest
         fewer = step.action == "change" and count_pods(then) < count_pods(step.live)
         if step.action == "prune" or fewer:
-            workloads.add(step.ref.name)
-        else:
+            workloads.update(
+                one["metadata"]["name"] for one in split(step.live or {"metadata": {}})
+            )
+        elif then is not None:
             kept.update(name_nodes(then))
-        if step.action == "change":
+        if step.action == "change" and step.live and then:
             names.update({*name_nodes(step.live)} - {*name_nodes(then)})
     return frozenset(
         node.name
@@ -239,11 +291,10 @@ def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
     )
 
 
-def name_nodes(manifest: Manifest | None) -> Iterator[str]:
-    """Yield the ROS name that a workload promises."""
-    notes = (manifest or {"metadata": {}})["metadata"].get("annotations") or {}
-    if ROS_NAME_ANNOTATION in notes:
-        yield str(notes[ROS_NAME_ANNOTATION])
+def name_nodes(manifest: Manifest) -> list[str]:
+    """Return the ROS names that a workload promises."""
+    notes = (one["metadata"].get("annotations") or {} for one in split(manifest))
+    return [str(one[ROS_NAME_ANNOTATION]) for one in notes if ROS_NAME_ANNOTATION in one]
 
 
 def count_pods(manifest: Manifest | None) -> int:

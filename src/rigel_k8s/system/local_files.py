@@ -15,18 +15,28 @@ from rigel_k8s.system.trust import require_trust
 
 
 def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:
-    """Return a file's text.
+    """Return a file's text; arguments and errors as those of read_bytes.
+
+    Raises:
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    return read_bytes(path, directory, most, what=what).decode("utf-8")
+
+
+def read_bytes(
+    path: Path, directory: Path, most: int, *, what: str, larger: str = "split it"
+) -> bytes:
+    """Return a file's content.
 
     Args:
         directory: where it must lie, unless the user trusts that directory.
         most: bytes.
-        what: the option or file, for errors.
+        what: the option or file, for errors; larger: what to do with a larger one.
 
     Raises:
         Untrusted: it is elsewhere.
         UserError: it is too large, not a file, or its name is not possible.
         OSError: it cannot be read.
-        UnicodeDecodeError: it is not UTF-8.
     """
     if "\0" in str(path):
         raise UserError(f"{what}: {str(path)!r} is not a valid file name")
@@ -39,5 +49,5 @@ def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:
             raise UserError(f"{what}: {real} is not a regular file")
         content = file.read(most + 1)
     if len(content) > most:
-        raise UserError(f"{what}: {real} has more than {most} bytes", hint="split it")
-    return content.decode("utf-8")
+        raise UserError(f"{what}: {real} has more than {most} bytes", hint=larger)
+    return content

@@ -4,6 +4,7 @@ A page shows *entries*: values by key (`node/talker`, `topic//scan`, `revision/3
 `nodes` and `boxes` make them of what is on the cluster, and are pure. `live` reads the cluster by
 one set of watches and gives the entries to a `Feed`, which sends each page what has changed; beside
 it, it asks whether the cluster answers, and `graphs` reads the ROS graph. `logs` follows a
-node's log once, however many pages show it. `changes` carries out a rollback. `server` answers
-browsers, `serving` runs it all, and `page/` is what the browser gets.
+node's log once, however many pages show it. `readings` reads a message or
+parameters when a page asks for them. `changes` carries out a rollback. `server` answers browsers,
+`serving` runs it all, and `page/` is what the browser gets.
 """

@@ -16,6 +16,8 @@ from rigel_k8s.ui.feed import Entries
 
 #: What has room in each box and topic: the words of a state, and any rate.
 WORDS, RATE = "machine unreachable", 9999.0
+#: What a topic loses with its last node.
+ENDLESS: Mapping[str, Any] = {"rate": "", "from": [], "to": [], "lost": []}
 
 
 def make_boxes(
@@ -44,6 +46,11 @@ def make_boxes(
             "machine": (node["machine"] if node else "") or box.group,
             "note": "" if node else box.where,
             "wrong": box.wrong,
+            "services": [
+                {"name": service.name, "type": service.type}
+                for service in (graph.services if graph else ())
+                if service.is_public and box.name in service.providers
+            ],
         }
     for workload, node in nodes.items():
         if workload not in drawn and not node["helper"]:
@@ -53,6 +60,7 @@ def make_boxes(
                 "machine": node["machine"] or NOWHERE,
                 "note": "",
                 "wrong": "",
+                "services": [],
             }
     return made
 
@@ -87,7 +95,7 @@ def keep_lost(old: Entries, new: Entries, away: Collection[str]) -> Entries:
         for end in ("from", "to"):
             for name in topic[end]:
                 if name in away and name not in made.get(key, {}).get(end, ()):
-                    kept = made.setdefault(key, {**topic, "from": [], "to": [], "lost": []})
+                    kept = made.setdefault(key, {**topic, **ENDLESS})
                     kept[end] = sorted([*kept[end], name])
                     kept["lost"] = sorted({*kept["lost"], name})
     return made

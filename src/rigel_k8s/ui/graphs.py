@@ -13,8 +13,9 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
-from rigel_k8s.ui.feed import Feed
+from rigel_k8s.ui.feed import Entries, Feed
 from rigel_k8s.ui.nodes import READY, STOPPED
+from rigel_k8s.ui.rates import add_rates
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
 AGE = 30.0  # seconds after which it is read again while a page is open
@@ -35,6 +36,7 @@ class GraphReader:
         self._due = 0.0
         self._nodes: Mapping[str, Any] = {}
         self._found: LiveGraph | None = None
+        self._rates: Entries = {}
 
     def show(self, nodes: Mapping[str, Any], pods: Iterable[Manifest]) -> None:
         """Publish nodes; if other pods are ready than before, the graph has changed."""
@@ -67,16 +69,20 @@ class GraphReader:
 
     def _read(self) -> None:
         state: dict[str, Any] = {"message": "", "read": write_now()}
+        graph, begun = None, time.time()
         try:
             self._found = self._look()
         except RigelK8sError as error:
             old: Mapping[str, Any] = self._feed.get("graph") or {}
             state = {"message": error.message, "read": old.get("read", "")}
         else:
+            graph = self._found.graph
             problems = [problem.to_json() for problem in self._found.problems]
             self._feed.publish("problems", {"problems": problems})
             self._draw()
         if not self._over.is_set():
+            self._rates = add_rates(self._rates, graph, begun, time.time())
+            self._feed.publish("rates", self._rates)
             self._feed.publish("graph", {"graph": state})
 
     def _draw(self) -> None:

@@ -13,13 +13,14 @@ import attrs
 from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.history import History
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
 from rigel_k8s.release.revisions import OF, Record
 from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
-from rigel_k8s.release.status import KINDS, describe_release
+from rigel_k8s.release.status import KINDS, choose_part, describe_release
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.ui.feed import Entries
 from rigel_k8s.ui.nodes import node_entry, release_entry
@@ -75,9 +76,20 @@ class Overview:
         before = self.nodes or {}
         rolling = found.revision_status == "pending" and changing != ""
 
-        items = {(one["kind"], one["metadata"]["name"]): one for kind in live for one in kind}
-        newest = [surroundings.list_newest_pods(items[w.kind, w.name]) for w in found.workloads]
-        refs = [ref_of(items[w.kind, w.name]) for w in found.workloads]
+        items = {
+            (part["kind"], part["metadata"]["name"]): (one, part)
+            for kind in live
+            for one in kind
+            for part in split(one)
+        }
+        newest = [
+            [
+                choose_part(pod, w.name)
+                for pod in surroundings.list_newest_pods(items[w.kind, w.name][0])
+            ]
+            for w in found.workloads
+        ]
+        refs = [ref_of(items[w.kind, w.name][1]) for w in found.workloads]
         for ref, pods in zip(refs, newest, strict=True):
             self._note_crashes(ref, pods, now)
         unsteady = self._crashes.find_unsteady(now)

@@ -36,6 +36,7 @@ import attrs
 from rigel_k8s.ui.changes import Changes
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.logs import LogHub
+from rigel_k8s.ui.readings import Readings
 
 ADDRESS = "127.0.0.1"
 FILES = Path(__file__).parent / "page"
@@ -118,6 +119,7 @@ class PageServer(ThreadingTCPServer):
     Args:
         port: 0 is any that is free.
         changes: carries out what a page asks for; None: no such path exists.
+        readings: reads what a page asks for; each kind has a path.
 
     Raises:
         OSError: the port is taken.
@@ -129,10 +131,17 @@ class PageServer(ThreadingTCPServer):
     request_queue_size = 128
 
     def __init__(
-        self, port: int, feed: Feed, logs: LogHub, token: str, changes: Changes | None
+        self,
+        port: int,
+        feed: Feed,
+        logs: LogHub,
+        token: str,
+        changes: Changes | None,
+        readings: Readings,
     ) -> None:
         super().__init__((ADDRESS, port), Handler)
         self.feed, self.logs, self.token, self.changes = feed, logs, token, changes
+        self.readings = readings
         self.tickets = Tickets()
         #: The page's files by name; the server has no others.
         self.texts = {
@@ -174,6 +183,10 @@ class Handler(BaseHTTPRequestHandler):
         name = parts.path.removeprefix(f"/{self.server.token}/")
         if name == "live" and self.command == "GET":
             return self._stream(parse_qs(parts.query))
+        names = parse_qs(parts.query).get("name")
+        if name in self.server.readings.kinds and names and self.command == "GET":
+            read = self.server.readings.read(name, names[0])
+            return self._send(Answer(200, json.dumps(read).encode(), JSON))
         body = self.server.texts.get(name or "index.html")
         if body is None:
             return self._send(say(404, "There is no such file."))

@@ -23,6 +23,7 @@ from rigel_k8s.ui.changes import Changes, Rollback
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.live import Live
 from rigel_k8s.ui.logs import LogHub, read_log
+from rigel_k8s.ui.readings import Readings, list_kinds
 from rigel_k8s.ui.server import ADDRESS, PageServer
 
 
@@ -52,8 +53,9 @@ def serve(
     changes = Changes(feed, make_rollback(found, settings)) if allow_changes else None
     feed.publish("server", {"server": {"changes": allow_changes}})
     live = Live(found, feed, report)
+    readings = Readings(list_kinds(found))
     try:
-        server = PageServer(port, feed, logs, secrets.token_urlsafe(24), changes)
+        server = PageServer(port, feed, logs, secrets.token_urlsafe(24), changes, readings)
     except OSError as error:
         raise UserError(
             f"cannot listen on {ADDRESS}:{port}: {error.strerror}", hint="choose another --port"

@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.fields import option, required_field
-from rigel_k8s.objects.resources import Resources
+from rigel_k8s.objects.resources import Resources, check_resources
 from rigel_k8s.objects.scalars import DottedName, ImageRef, ObjectName
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
@@ -69,6 +69,7 @@ def check_options(options: MutoAgent) -> Iterator[Problem]:
                 yield Problem((key,), message, "bad-agent")
             except ValueError as error:
                 yield Problem((key,), str(error), "bad-agent")
+    yield from check_resources(options.resources)
     if options.twin_user and not options.twin_secret:
         message = "twin_user needs twin_secret, which has the password"
         yield Problem(("twin_user",), message, "bad-agent", at_key=True)

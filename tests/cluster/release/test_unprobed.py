@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
 from typing import Any
 
 import pytest
@@ -18,11 +20,14 @@ from rigel_k8s.rigelfile import Source, structure
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application
 from tests.support.releases import deploy
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
 LIVES = (0.0, 0.15, 0.3, 0.45)  # seconds until each run's node crashes
-AT_ONCE = 2  # a machine that is overloaded starts programs later than it says
+AT_ONCE = 2
+TRIES = 4  # deploys for each: on an overloaded machine a node lives longer than it says
+OVERLOAD = 10  # programs that want to run, for each processor: the runtime may answer too late
 
 
 def release(make: Any, name: str, command: str) -> Desired:
@@ -37,19 +42,46 @@ def release(make: Any, name: str, command: str) -> Desired:
     return drafted.finish()
 
 
+def seconds_lived(cluster: Any, made: Desired) -> int:
+    """Return the longest life of the node, as Kubernetes stores it: between two whole seconds."""
+
+    def lives() -> list[int]:
+        found = []
+        for pod in cluster.list("v1", "Pod", made.release.namespace):
+            if pod["metadata"]["name"].startswith(f"{made.release.name}-"):
+                for one in pod["status"].get("containerStatuses", []):
+                    states = (one["state"], one.get("lastState", {}))
+                    found += [state["terminated"] for state in states if "terminated" in state]
+        times = [(one["startedAt"], one["finishedAt"]) for one in found]
+        return [
+            (datetime.fromisoformat(end) - datetime.fromisoformat(begin)).seconds
+            for begin, end in times
+        ]
+
+    return max(until(lives, "end of the node"))
+
+
 def test_a_crash_at_the_start_fails_the_deploy_each_time(
     cluster: Any, make: Any, report: Any
 ) -> None:
     """Each run: the kubelet may have seen it run, and it is Ready for a second or more."""
 
     def run(life: float) -> list[str]:
-        made = release(make, f"n{life * 20:g}", f"echo the motor is off; sleep {life}; exit 3")
-        with pytest.raises(RolloutFailed, match="did not become ready") as caught:
-            deploy(made, cluster, report=report, patience=Patience(crash=5), timeout=90)
-        return [caught.value.message, *caught.value.details]
+        for attempt in range(TRIES):
+            name = f"n{life * 20:g}-{attempt}"
+            made = release(make, name, f"echo the motor is off; sleep {life}; exit 3")
+            try:
+                deploy(made, cluster, report=report, patience=Patience(crash=5), timeout=90)
+            except RolloutFailed as error:
+                return [error.message, *error.details]
+            lived = seconds_lived(cluster, made)
+            busy = os.getloadavg()[0] > OVERLOAD * (os.cpu_count() or 1)
+            assert lived > 1 or busy, f"{name} counted as ready, and ended within a second"
+        raise AssertionError(f"no node ended within {life} s: the machine is overloaded")
 
     with ThreadPoolExecutor(AT_ONCE) as pool:
         for told in pool.map(run, LIVES):
+            assert "did not become ready" in told[0]
             assert "exited with code 3" in "\n".join(told)
             assert "    the motor is off" in told
 

@@ -21,6 +21,8 @@ import pytest
 import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support import shared
+from tests.support.ros2_work import image
 from tests.support.ros2base import push_ros2
 from tests.support.until import until
 
@@ -76,8 +78,17 @@ class Project:
     env: Mapping[str, str]
 
     def __call__(self, *words: str, check: bool = True) -> subprocess.CompletedProcess[str]:
-        where = ["-f", str(self.rigelfile), "--context", self.context, "-n", self.space]
-        return rigel(*where, *words, check=check, **self.env)
+        return rigel(*self.place, *words, check=check, **self.env)
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """The options that name its Rigelfile and its cluster."""
+        return ("-f", str(self.rigelfile), "--context", self.context, "-n", self.space)
+
+    def command(self, *words: str) -> list[str]:
+        """Return the line of a command that goes on."""
+        variables = [f"{name}={value}" for name, value in self.env.items()]
+        return ["env", *variables, sys.executable, "-m", "rigel_k8s", *self.place, *words]
 
     @property
     def subnet(self) -> IPv4Network:
@@ -204,3 +215,11 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
             projects(cluster, context, registry, directory) as make,
         ):
             yield lambda example, **more: make(example, f"{registry}/ros:jazzy", **more)
+
+
+@pytest.fixture(scope="session")
+def work_image(registry: str, ros2_image: str) -> str:
+    """The base image with the programs of ros2_work."""
+    name = f"{registry}/ros2-work:jazzy"
+    shared.once("ros2-work", lambda: image.push_work(name, ros2_image))
+    return name

@@ -15,17 +15,25 @@ import sys
 import time
 from collections.abc import Callable
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.takeovers import assert_took_over, longest_gap
 from tests.support.until import until
+
+from ...ros2.conftest import environment
+from ..background import Background
+from ..conftest import pod_uids
+from .conftest import EXAMPLES
 
 pytestmark = pytest.mark.cluster
 
 TALKERS = {"talker_1", "talker_2"}
+ECHO = "timeout 60 ros2 topic echo --once /from_laptop std_msgs/msg/String"
 
 
 @pytest.fixture(scope="module")
@@ -153,14 +161,76 @@ def is_silent(demo: Any) -> bool:
     return bool(demo.heard()[-1] == last)
 
 
-def test_a_rescheduled_talker_is_heard_again_with_its_old_address(demo: Any) -> None:
-    """Another pod, the same address on net1, as `ipam: static` promises."""
-    before, address = demo.pods()["talker-1"]["metadata"], demo.net1()["talker-1"]
+def test_a_rescheduled_talker_is_heard_again(demo: Any) -> None:
+    """Another pod, perhaps with another address on net1."""
+    before = demo.pods()["talker-1"]["metadata"]
     demo.cluster.delete(ObjectRef("v1", "Pod", demo.space, before["name"]))
     demo.until(lambda: demo.net1().get("talker-1"), "new pod with net1")
     assert demo.pods()["talker-1"]["metadata"]["uid"] != before["uid"]
-    assert demo.net1()["talker-1"] == address
     demo.until(lambda: is_ready(demo.pods()["talker-1"]), "new pod that is ready")
+    demo("run", "job", "check-1")
+
+
+def test_a_talker_is_developed(demo: Any, tmp_path: Path) -> None:
+    """`rigel dev`: the listener hears what is saved here, from the same pod; then as before."""
+    script = tmp_path / "talker.py"
+    written = (EXAMPLES / "ros2-talker-listener/talker_listener/scripts/talker.py").read_text()
+    script.write_text(written)
+    before = pod_uids(demo.cluster, demo.space)
+    words = ("dev", "talker_1", "--sync", f"{tmp_path}:/opt/talker_listener/scripts")
+    with Background(demo.command(*words)) as running:
+        until(lambda: running.found("hello world from talker_1"), "its first message", 240)
+        developed = pod_uids(demo.cluster, demo.space)
+        script.write_text(written.replace("hello world", "good morning"))
+        until(
+            lambda: "good morning from talker_1" in demo("logs", "listener").stdout, "change", 240
+        )
+        demo.until(lambda: "talker_2" in demo.talkers(), "the other one")
+        assert pod_uids(demo.cluster, demo.space) == developed
+    changed = before.items() ^ pod_uids(demo.cluster, demo.space).items()
+    assert {name for name, _ in changed} == {"talker-1"}
+    demo("run", "job", "check-1")
+
+
+#: A node on another computer: hears both talkers over multicast, and is heard.
+LAPTOP = """
+import rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("laptop")
+node.create_subscription(String, "/chatter", lambda m: print("heard", m.data, flush=True), 10)
+publisher = node.create_publisher(String, "/from_laptop", 10)
+node.create_timer(0.2, lambda: publisher.publish(String(data="hi")))
+rclpy.spin(node)
+"""
+
+
+def test_a_node_of_another_computer_joins(demo: Any) -> None:
+    """Over net1, as a pod: `rigel join`."""
+    python = str(environment("work") / "bin" / "python3")
+    with Background(demo.command("join", "--", python, "-c", LAPTOP)) as running:
+        for talker in TALKERS:
+            until(lambda name=talker: running.found(f"heard hello world from {name}"), talker, 240)
+        heard = demo("exec", "listener", "--", *shlex.split(ECHO)).stdout
+        assert heard == "data: hi\n---\n"
+        assert running.found(r"^joined as \S+ \(eth0\), \S+ \(net1\)$")
+
+
+def test_a_program_of_another_computer_takes_a_nodes_place(demo: Any) -> None:
+    """`--replace`: the node has no pod meanwhile; then it runs as before, and the others too."""
+    python = str(environment("work") / "bin" / "python3")
+    script = EXAMPLES / "ros2-talker-listener/talker_listener/scripts/talker.py"
+    program = script.read_text().replace("hello world", "good evening")
+    own = ("--ros-args", "-r", "__node:=talker_1")
+    before = pod_uids(demo.cluster, demo.space)
+    words = ("join", "--replace", "talker_1", "--", python, "-c", program, *own)
+    with Background(demo.command(*words)):
+        text = "good evening from talker_1"
+        until(lambda: text in demo("logs", "listener").stdout, text, 240)
+        assert "talker-1" not in pod_uids(demo.cluster, demo.space)
+        assert "talker_1 is replaced by a program of" in demo("status", check=False).stdout
+    changed = before.items() ^ pod_uids(demo.cluster, demo.space).items()
+    assert {name for name, _ in changed} == {"talker-1"}
     demo("run", "job", "check-1")
 
 
@@ -173,13 +243,19 @@ def test_nothing_changes_when_nothing_changed(demo: Any) -> None:
 
 
 def test_the_update_replaces_the_talkers_alone(demo: Any) -> None:
-    """A new content under the same tag is another digest; addresses stay, messages flow."""
-    before, addresses = demo.pods(), demo.net1()
+    """A new content under the same tag is another digest; the listener hears on meanwhile."""
+    before, begun = demo.pods(), time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime())
     demo("run", "sequence", "update")
+    # Not with --since: another test may have installed Loki, which is behind on a busy machine.
+    lines = demo("logs", "listener", "--timestamps").stdout.splitlines()
+    heard = "\n".join(line for line in lines if line > begun)
+    for talker in TALKERS:
+        said = demo("logs", talker, "--timestamps").stdout
+        assert_took_over(heard, said, f"hello world from {talker}")
+        assert "s; the longest time without one: " in longest_gap(EXAMPLES, heard, talker)
     after = demo.pods()
     changed = {n for n in after if after[n]["metadata"]["uid"] != before[n]["metadata"]["uid"]}
     assert changed == {"talker-1", "talker-2"}
-    assert demo.net1() == addresses
     assert "VERSION=2" in demo("exec", "talker_1", "--", "env").stdout.splitlines()
 
 

@@ -15,11 +15,13 @@ from rigel_k8s.generation import Texts
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, merge_options, structure
+from rigel_k8s.rigelfile.expansion import Surroundings, expand
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application
 
 GOLDEN = Path(__file__).parent / "golden"
 SCRIPTS = {"ready.sh": "exit 0\n", "stop.sh": "exit 0\n"}
+LIBRARIES = {"rmw-x86_64.so": b"\x7fELF"}
 
 
 def options(text: str) -> OrchestrationOptions:
@@ -27,7 +29,10 @@ def options(text: str) -> OrchestrationOptions:
     node, findings = parse(Source("Rigelfile", text))
     assert node is not None, findings
     assert not findings
-    found = structure(merge_options(node, None, OrchestrationOptions), OrchestrationOptions)
+    merged = merge_options(node, None, OrchestrationOptions)
+    expanded = expand(merged, OrchestrationOptions, Surroundings(Path(), None, {}, None))
+    assert not expanded.findings
+    found = structure(expanded.node, OrchestrationOptions)
     assert not found.problems
     assert isinstance(found.draft, OrchestrationOptions)
     return found.draft
@@ -45,13 +50,22 @@ def problems(text: str, distro: str | None = None) -> list[Problem]:
 
 
 def release(text: str, **more: Any) -> Desired:
-    """Return what a job's `with` becomes in the namespace `robots`."""
-    chosen = options(text)
+    """Return what a job's `with` becomes in the namespace `robots`.
+
+    Args:
+        more: `change` takes the options and returns others; the rest as draft and finish.
+    """
+    chosen = more.pop("change", lambda made: made)(options(text))
     drafted = draft(
         chosen,
         ReleaseId("robots", str(chosen.deployment_name)),
         Application(more.pop("distro", distro_of(text))),
-        Texts(SCRIPTS, more.pop("files", {})),
+        Texts(
+            SCRIPTS,
+            more.pop("files", {}),
+            libraries=more.pop("libraries", LIBRARIES),
+            folders=more.pop("folders", {}),
+        ),
         previous=more.pop("previous", ()),
     )
     made = drafted.finish(**more)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from .shapes import GOLDEN, problems
+from .shapes import GOLDEN, find, problems, release
 
 #: (what is told, where, the job's `with`)
 WRONG = [
@@ -30,6 +30,55 @@ WRONG = [
         "{persistent_storage: {volumes: [{name: v}, {name: v}]}}",
     ),
     ("conflict", "readiness.file", "{readiness: {command: a, file: /b}}"),
+    ("not-measured", "expect./a.gap", "{image: a, nodes: {b: {}}, expect: {/a: {gap: 1s}}}"),
+    ("not-measured", "update", "{image: a, nodes: {b: {args: x}}, update: {when: idle}}"),
+    (
+        "no-graph",
+        "expect./a.else",
+        "{image: a, ros: '2', network: {mode: zenoh}, rmw_layer: false, nodes: {b: {args: x}},"
+        " expect: {/a: {rate: 1, else: rollback}}}",
+    ),
+    (
+        "incomplete",
+        "rollback_on.within",
+        "{image: a, nodes: {b: {args: x}}, expect: {/a: {rate: 1}}, rollback_on: {within: 5s}}",
+    ),
+    (
+        "liveness",
+        "nodes.b.liveness",
+        "{image: a, nodes: {b: {args: x, liveness: {stuck: 30s}}}}",
+    ),
+    (
+        "liveness",
+        "nodes.b.liveness",
+        "{image: a, ros: '2', rmw_layer: false, nodes: {b: {args: x, liveness: {stuck: 30s}}}}",
+    ),
+    (
+        "incomplete",
+        "nodes.b.liveness",
+        "{image: a, ros: '2', nodes: {b: {args: x, liveness: {}}}}",
+    ),
+    (
+        "rates",
+        "nodes.b.readiness.rates",
+        "{image: a, nodes: {b: {args: x, readiness: {rates: {/c: 8..}}}}}",
+    ),
+    (
+        "rates",
+        "nodes.b.readiness.rates",
+        "{image: a, ros: '2', rmw_layer: false,"
+        " nodes: {b: {args: x, readiness: {rates: {/c: 8}}}}}",
+    ),
+    (
+        "conflict",
+        "nodes.b.readiness.rates",
+        "{image: a, ros: '2', nodes: {b: {args: x, readiness: {port: 1, rates: {/c: 8}}}}}",
+    ),
+    (
+        "no-application",
+        "readiness.rates",
+        "{application_image: a, ros: '2', readiness: {rates: {/c: 8}}}",
+    ),
     ("bad-command", "readiness.command", '{readiness: {command: "a \'b"}}'),
     ("bad-command", "readiness.command", "{readiness: {command: ''}}"),
     (
@@ -39,6 +88,11 @@ WRONG = [
     ),
     ("bad-update", "rolling_update", "{rolling_update: {max_surge: 0, max_unavailable: 0}}"),
     ("bad-update", "rolling_update", "{rolling_update: {max_surge: 0%}}"),
+    (
+        "hand-over",
+        "nodes.b.update.warm",
+        "{image: a, ros: '2', nodes: {b: {args: x, devices: [/dev/b], update: {warm: [c]}}}}",
+    ),
     (
         "fixed-field",
         "additional_k8s_params.application.metadata.name",
@@ -71,6 +125,57 @@ WRONG = [
         "{image: a, nodes: {rigel_k8s_application_global_parameters: {}}, parameters: {a: 1}}",
     ),
     ("no-application", "results", "{image: a, nodes: {b: {}}, results: {source_path: /r}}"),
+    ("pod-node", "nodes.b.pod", "{image: a, nodes: {b: {args: x, pod: p}}}"),
+    *(
+        (kind, f"nodes.c.{path}", f"{{image: a, ros: '2', network: peers, nodes: {{{nodes}}}}}")
+        for kind, path, nodes in (
+            ("pod-node", "anonymous", "c: {args: x, pod: p, anonymous: true}"),
+            ("pod-node", "replicas", "c: {args: x, pod: p, replicas: 1}"),
+            (
+                "pod-node",
+                "volumes.0",
+                "c: {args: x, pod: p, volumes: [{memory: 1Mi, mount_path: /dev/shm/}]}",
+            ),
+            (
+                "pod-node",
+                "placement.apart_from.0",
+                "b: {args: x, pod: p}, c: {args: x, pod: p, placement: {apart_from: [b]}}",
+            ),
+            (
+                "pod-conflict",
+                "host_network",
+                "b: {args: x, pod: p}, c: {args: x, pod: p, host_network: true}",
+            ),
+            (
+                "pod-conflict",
+                "update",
+                "b: {args: x, pod: p}, c: {args: x, pod: p, update: {strategy: Recreate}}",
+            ),
+            (
+                "pod-conflict",
+                "env",
+                "b: {args: x, pod: p}, c: {args: x, pod: p, env: {ROS_DOMAIN_ID: 4}}",
+            ),
+            (
+                "pod-conflict",
+                "ports",
+                "b: {args: x, pod: p, ports: [1]}, c: {args: x, pod: p, ports: [1]}",
+            ),
+            ("name-taken", "pod", "c: {args: x, pod: b-peer}, b: {args: x}"),
+            (
+                "many-participants",
+                "pod",
+                ", ".join(f"{name}: {{args: x, pod: p}}" for name in ("a", "b", "d", "e", "c")),
+            ),
+            (
+                "hand-over",
+                "update.strategy",
+                "c: {args: x, pod: p, update: {strategy: HandOver}},"
+                " b: {args: x, pod: p, devices: [/dev/b]}",
+            ),
+        )
+    ),
+    ("name-taken", "nodes.p", "{image: a, ros: '2', nodes: {p: {args: x, pod: p}}}"),
 ]
 
 #: The same for one node: its options follow `n:`.
@@ -137,6 +242,26 @@ WRONG_NODES = [
     ("bad-volume", "volumes.0", "n", "{volumes: [{secret: a}]}"),
     ("bad-device", "devices.0", "n", "{devices: [{count: 1}]}"),
     ("bad-device", "devices.0", "n", "{devices: [{path: /dev/a, resource: b}]}"),
+    ("bad-quantity", "volumes.0.memory", "n", "{volumes: [{memory: 64, mount_path: /a}]}"),
+    ("bad-quantity", "resources.limits.memory", "n", "{resources: {limits: {memory: 64m}}}"),
+    (
+        "bad-quantity",
+        "resources.requests.memory",
+        "n",
+        "{resources: {requests: {memory: 64}, limits: {memory: 1Mi}}}",
+    ),
+    (
+        "bad-quantity",
+        "resources.limits.memory",
+        "n",
+        "{resources: {requests: {memory: 64Mi}, limits: {memory: 1023Ki}}}",
+    ),
+    (
+        "conflict",
+        "resources.requests.cpu",
+        "n",
+        "{resources: {requests: {cpu: 2, memory: 0}, limits: {cpu: 1999m, memory: 1Mi}}}",
+    ),
     ("unknown-node", "placement.apart_from.0", "n", "{placement: {apart_from: [other]}}"),
     ("unknown-node", "placement.apart_from.0", "n", "{placement: {apart_from: [n]}}"),
     ("fixed-field", "patch.metadata.namespace", "n", "{patch: {metadata: {namespace: a}}}"),
@@ -206,6 +331,17 @@ WARNINGS = [
     ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
     ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
     ("device-access", "nodes.n.devices.0", "{image: a, nodes: {n: {devices: [/dev/a]}}}"),
+    (
+        "one-pod",
+        "nodes.b.pod",
+        "{image: a, ros: '2', network: peers,"
+        " nodes: {b: {args: x, pod: p}, c: {args: x, pod: p, update: {strategy: HandOver}}}}",
+    ),
+    (
+        "no-memory",
+        "nodes.b.pod",
+        "{image: a, ros: '2', network: host, nodes: {b: {args: x, pod: p}}}",
+    ),
 ]
 
 
@@ -250,6 +386,12 @@ def test_what_works_otherwise_than_it_looks_is_a_warning(kind: str, place: str, 
 def test_what_has_an_effect_is_not_warned_of(text: str) -> None:
     """A shell reads its own lines; the time of `readiness` is that of the roll-out."""
     assert told(text, "warning") == set()
+
+
+def test_requests_up_to_the_limits_are_right() -> None:
+    """0 requests nothing, and one number may be written in two ways."""
+    resources = "{requests: {memory: 0, cpu: 0.5, a/b: 1}, limits: {memory: 1Mi, cpu: 500m}}"
+    assert told(f"{{image: a, nodes: {{n: {{resources: {resources}}}}}}}", "error") == set()
 
 
 def test_a_node_without_an_image_is_told() -> None:
@@ -425,23 +567,22 @@ LAN = "network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24}"
 STATIC = LAN.replace("}", ", ipam: static}")
 #: Why a node of ROS 2 cannot be handed over: what is said of it, and of its network.
 NO_HAND_OVER = {
-    "a launch file": ("launch: {file: a.launch.py}", LAN),
-    "arguments that only a program takes": ("{}", LAN),
-    "names of their own, by arguments": ("args: [bash, -c, x]", LAN),
+    "it runs the image's CMD": ("{}", LAN),
+    "the image's ENTRYPOINT: set `command`": ("args: [--fast]", LAN),
+    "its patch sets what its container runs": (
+        "args: x, patch: {spec: {template: {spec: {containers: [{name: n, args: [y]}]}}}}",
+        LAN,
+    ),
+    "`rmw_layer` is false": ("args: x, rmw_layer: false", LAN),
     "the device /dev/a": ("args: x, devices: [/dev/a]", LAN),
-    "it uses the machine's own network": ("args: x, host_network: true", "network: none"),
-    "the machine's own network": ("args: x", "network: host"),
+    "it has a port of its machine": ("args: x, ports: [80]", "network: host"),
+    "a port of its machine": ("args: x, ports: [80], host_network: true", "network: none"),
     "it has a readiness check of its own": ("args: x, readiness: none", LAN),
     "two pods would have one address": ("args: x", STATIC),
-    "the two pods do not find each other": ("args: x", "network: peers"),
-    "this is zenoh": ("args: x", "network: zenoh"),
-    "DDS, and this is zenoh": ("args: x", "middleware: zenoh, network: none"),
     "it has no ROS": ("args: x, ros: none", LAN),
-    "the transitions of `lifecycle`": ("args: x, lifecycle: {start: [configure]}", LAN),
-    "its components are loaded again": ("components: {c: {package: a, plugin: b}}", LAN),
     "differs in each pod": ("args: x, anonymous: true", LAN),
     "it is privileged": ("args: x, security_context: {privileged: true}", LAN),
-    "it has a port of its machine": (
+    "port of its machine": (
         "args: x, patch: {spec: {template: {spec: {containers:"
         " [{name: n, ports: [{hostPort: 80}]}]}}}}",
         LAN,
@@ -467,6 +608,73 @@ def test_a_ros2_node_that_cannot_be_handed_over_is_refused(reason: str) -> None:
     found = [one for one in problems(text, "jazzy") if one.kind == "hand-over"]
     assert [one.path for one in found] == [("nodes", "n", "update", "strategy")]
     assert reason in found[0].message
+
+
+HAND_OVER = (
+    ("launch: {file: a.launch.py}", LAN),
+    ("args: [bash, -c, x]", LAN),
+    ("command: x", LAN),
+    ("package: a, executable: b", LAN),
+    ("args: x, lifecycle: {start: [configure]}", LAN),
+    ("args: x, readiness: {rates: {/c: 8..}, timeout_seconds: 60}", LAN),
+    ("components: {c: {package: a, plugin: b}}", LAN),
+    ("args: x, ports: [80]", LAN),
+    ("args: x, host_network: true", "network: none"),
+    *(("args: x", f"network: {mode}") for mode in ("host", "peers", "zenoh", "discovery-server")),
+    ("args: x", "middleware: zenoh, network: none"),
+)
+
+
+@pytest.mark.parametrize(("node", "network"), HAND_OVER)
+@pytest.mark.parametrize("update", ["", ", update: {strategy: HandOver}"])
+def test_any_other_ros2_node_hands_over(node: str, network: str, update: str) -> None:
+    """With every program, in every mode, on every middleware; without a request, too."""
+    text = f"{{image: a, {network}, nodes: {{n: {{{node}{update}}}}}}}"
+    assert [one for one in problems(text, "jazzy") if one.severity == "error"] == []
+    made = find(release(text, distro="jazzy"), "Deployment", "n")
+    assert made["metadata"]["annotations"]["rigel-k8s/update"] == "HandOver"
+    assert made["spec"]["strategy"]["type"] == "RollingUpdate"
+
+
+def test_what_is_for_another_kind_of_update_is_refused() -> None:
+    """At its own place."""
+
+    def node(update: str, distro: str = "jazzy") -> set[tuple[str, str]]:
+        text = f"{{image: a, {LAN}, nodes: {{n: {{args: x, update: {{{update}}}}}}}}}"
+        return told(text, "error", distro)
+
+    assert node("drain: 1m, warm: [scan]") == set()
+    assert node("strategy: HandOver, drain: 1m, warm: [/scan]") == set()
+    assert node("strategy: Recreate, drain: 1m") == {("bad-update", "nodes.n.update.drain")}
+    assert node("strategy: Rolling, warm: [a]") == {("bad-update", "nodes.n.update.warm")}
+    assert ("bad-update", "nodes.n.update.drain") in node("drain: 1m", "noetic")
+
+
+def test_without_the_library_ros2_nodes_are_deployed_as_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An installation that was built without a compiler says so once, and works."""
+    text = "{image: a, network: peers, nodes: {n: {args: x}, m: {args: x}}}"
+    assert told(text, "warning", "jazzy") == set()
+    monkeypatch.setattr("rigel_k8s.app.checks.application.libraries", dict)
+    assert told(text, "warning", "jazzy") == {("no-layer", "")}
+    assert told(text[:-1] + ", rmw_layer: false}", "warning", "jazzy") == set()
+    made = find(release(text, distro="jazzy", libraries={}), "Deployment", "n")
+    assert made["metadata"]["annotations"]["rigel-k8s/update"].startswith("Recreate: this inst")
+    assert made["spec"]["template"]["spec"]["containers"][0]["args"] == [
+        "x",
+        "--ros-args",
+        "-r",
+        "__node:=n",
+    ]
+
+
+def test_without_the_library_hand_over_cannot_be_requested(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reason is that of the installation."""
+    monkeypatch.setattr("rigel_k8s.app.generations.ros2.libraries", dict)
+    text = "{image: a, network: peers, nodes: {n: {args: x, update: {strategy: HandOver}}}}"
+    [found] = [one for one in problems(text, "jazzy") if one.kind == "hand-over"]
+    assert "built without ziglang" in found.message
 
 
 #: What is said of a node on its machine's network, by mode; docs/network-modes.md shows it.
@@ -497,7 +705,7 @@ def test_without_a_network_there_is_a_warning_for_a_node_on_its_machines_network
     assert told(text, "error", "jazzy") == set()
 
 
-def test_hand_over_is_for_lifecycle_nodes_of_nodes() -> None:
+def test_hand_over_is_for_ros2_programs_of_a_known_line() -> None:
     """Neither for the one application, whose line is unknown, nor for plain DDS."""
 
     def node(update: str, more: str = "") -> str:
@@ -587,3 +795,12 @@ def test_a_tool_is_a_super_client_of_discovery_servers(
     for mode, here in (("discovery-server", warns), ("peers", False)):
         text = f"{{image: lab/a:1, network: {mode}, nodes: {{b: {{{node}}}}}}}"
         assert (("no-super-client", "nodes.b") in told(text, "warning", "jazzy")) == here
+
+
+def test_a_rollback_of_expectations_has_its_time() -> None:
+    """`within` is that of both."""
+    text = (
+        "{image: a, ros: '2', nodes: {b: {args: x}},"
+        " expect: {/a: {rate: 1, else: rollback}}, rollback_on: {within: 5s}}"
+    )
+    assert told(text, "error") == set()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
+from rigel_k8s.app.files import LocalFile
 from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import check_file
 from tests.support.podsecurity import list_missing
@@ -18,6 +19,10 @@ from .shapes import env, find, pod, problems, release
 
 DOCS = Path(__file__).parents[3] / "docs"
 FILES = {"config/planner.yaml": "speed: 1\n"}
+FOLDERS = {
+    "maps/": {"lab.yaml": LocalFile(b"resolution: 0.05\n")},
+    "config/layout.json": {"": LocalFile(b"{}")},
+}
 #: Which documents, and the distribution that they write for.
 ABOUT = {
     "ros1.md": "noetic",
@@ -28,6 +33,7 @@ ABOUT = {
     "ros2.md": "jazzy",
     "ros2-updates.md": "jazzy",
     "security.md": "noetic",
+    "see.md": "jazzy",
 }
 #: Warnings that an example of ours never deserves.
 SURPRISES = ("own-name", "two-at-once")
@@ -50,7 +56,7 @@ def test_documented_options_work(text: str, distro: str) -> None:
     """They pass the check, become objects, and have the names and updates that they seem to."""
     found = problems(text, distro)
     assert [p for p in found if p.severity == "error" or p.kind in SURPRISES] == []
-    assert release(text, distro=distro, files=FILES).objects
+    assert release(text, distro=distro, files=FILES, folders=FOLDERS).objects
 
 
 def find_type(kind: str, name: str) -> Any:

@@ -11,6 +11,7 @@ import click
 import pytest
 
 from rigel_k8s.cli import main
+from rigel_k8s.commands import run as runs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 
 HEAVY = (
@@ -58,7 +59,7 @@ def test_an_unknown_command_names_the_nearest(capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.parametrize(
     ("word", "meant"),
-    [("deploy", "run"), ("up", "run"), ("ps", "status"), ("stop", "down"), ("topic", "graph")],
+    [("deploy", "run"), ("up", "run"), ("ps", "status"), ("stop", "down"), ("hz", "topic hz")],
 )
 def test_a_word_of_another_tool_names_the_command(
     word: str, meant: str, capsys: pytest.CaptureFixture[str]
@@ -70,7 +71,7 @@ def test_a_word_of_another_tool_names_the_command(
 
 def test_every_other_word_leads_to_a_command() -> None:
     """And none of them is a command itself."""
-    assert set(main.OTHER_WORDS.values()) <= set(main.COMMANDS)
+    assert {word.split()[0] for word in main.OTHER_WORDS.values()} <= set(main.COMMANDS)
     assert not set(main.OTHER_WORDS) & set(main.COMMANDS)
 
 
@@ -175,6 +176,14 @@ def test_ctrl_c_is_130(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(main.cli, "main", fail)
     assert main.run(["status"], "rigel") == 130
+
+
+def test_the_namespace_may_follow_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where people write it; also for `run`."""
+    seen: list[str | None] = []
+    monkeypatch.setattr(runs, "run", lambda _, __, settings, ___: seen.append(settings.namespace))
+    assert main.run(["run", "deploy", "-n", "robots"], "rigel") == 0
+    assert seen == ["robots"]
 
 
 def test_a_missing_rigelfile_says_what_to_do(

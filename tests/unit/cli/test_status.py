@@ -9,12 +9,21 @@ import attrs
 import click
 import pytest
 
+from rigel_exporter.expecting import BROKEN, OK, Finding
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import (
+    AWAY,
+    UNSEEN,
+    PodStatus,
+    ReleaseStatus,
+    RolledBack,
+    WorkloadStatus,
+)
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.expectations import Verdict
 from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
@@ -127,7 +136,7 @@ def test_orphans_and_the_way_out() -> None:
     text = status_text(release(attrs.evolve(LISTENER, pods=(orphan, old)), TALKER), NOW)
     assert text.endswith(
         "roscore has restarted and forgotten listener. It comes back with\n"
-        "  kubectl -n robots rollout restart deployment listener"
+        "  rigel -n robots restart --release app listener"
     )
 
 
@@ -170,6 +179,62 @@ def test_a_graph_in_order() -> None:
     assert text.count("[deaf]") == 2
 
 
+def test_clocks_that_differ() -> None:
+    """A line for each machine, and what to do once; nothing else changes."""
+    remedy = "run chrony"
+    wrong = [Problem((), f"clocks: {n}", "clocks-differ", "warning", remedy=remedy) for n in "ab"]
+    text = click.unstyle(status_text(release(TALKER), NOW, clocks=wrong))
+    assert text.splitlines()[-2:] == [
+        "clocks: a [clocks-differ]",
+        "clocks: b; run chrony [clocks-differ]",
+    ]
+    assert status_json(release(TALKER), clocks=wrong)["clocks"][0]["message"] == "clocks: a"
+    assert status_json(release(TALKER))["clocks"] is None
+
+
+@pytest.mark.parametrize(("ready", "word"), [(True, "restarted"), (False, "stopped")])
+def test_a_restart_by_the_liveness_probe_is_a_line(ready: bool, word: str) -> None:  # noqa: FBT001
+    """A count of restarts does not show why; while it waits in between, it is not restarted yet."""
+    why = "/lidar has published nothing on /scan for 2.4 s"
+    pod = attrs.evolve(TALKER.pods[0], ready=ready, stopped="2026-01-02T11:59:40Z", not_alive=why)
+    text = status_text(release(attrs.evolve(TALKER, pods=(pod,))), NOW)
+    line = f"talker-1: {word} by its liveness probe 20s ago: {why}"
+    assert line in " ".join(click.unstyle(text).split())
+
+
+@pytest.mark.parametrize(
+    ("crashed", "shown"),
+    [("2026-01-02T11:59:40Z", True), ("2026-01-02T10:00:00Z", False), ("", False)],
+)
+def test_a_crash_of_the_last_hour_is_a_line(crashed: str, shown: bool) -> None:  # noqa: FBT001
+    """A pod that is ready between its crashes looks well, but for a number."""
+    pod = attrs.evolve(TALKER.pods[0], crashed=crashed, crash="container c exited with code 1")
+    text = status_text(release(attrs.evolve(TALKER, pods=(pod,))), NOW)
+    line = "talker-1: started again 20s ago: container c exited with code 1"
+    assert (line in " ".join(click.unstyle(text).split())) is shown
+
+
+@pytest.mark.parametrize(("cause", "end"), [("/scan: rate 3/s", ": /scan: rate 3/s"), ("", "")])
+def test_an_update_that_was_rolled_back_is_a_line(cause: str, end: str) -> None:
+    """All is ready again, and yet what runs is not what was deployed last."""
+    found = attrs.evolve(release(TALKER), rolled_back=RolledBack(2, 1, cause))
+    text = click.unstyle(status_text(found, NOW))
+    assert text.splitlines()[-1] == f"revision 2 was rolled back to revision 1{end}"
+    expected = {"revision": 2, "to": 1, "cause": cause}
+    assert status_json(found)["rolled_back"] == expected
+
+
+def test_a_topic_that_is_not_as_expected_is_a_line() -> None:
+    """In the words of `rigel expect`; what is as expected is none."""
+    slow = Verdict("/scan", Finding("rate", BROKEN, "8..12/s", "3.1/s"))
+    good = Verdict("/scan", Finding("publishers", OK, "1", "1"))
+    text = click.unstyle(status_text(release(TALKER), NOW, expect=[slow, good]))
+    assert text.split("\n\n")[-1] == "/scan: rate 3.1/s, expected 8..12/s"
+    found = status_json(release(TALKER), expect=[slow])["expect"]
+    expected = {"topic": "/scan", "what": "rate", "state": BROKEN, "expected": "8..12/s"}
+    assert found == [{**expected, "measured": "3.1/s"}]
+
+
 def test_status_for_scripts() -> None:
     """The shape that docs/cli.md promises."""
     found = status_json(release(TALKER))
@@ -180,9 +245,12 @@ def test_status_for_scripts() -> None:
         "revision": 3,
         "revision_status": "good",
         "good_revision": 0,
+        "rolled_back": None,
         "ready": True,
         "graph": None,
         "gate": None,
+        "clocks": None,
+        "expect": None,
     }
     (pod,) = workload.pop("pods")
     assert workload == {
@@ -195,6 +263,7 @@ def test_status_for_scripts() -> None:
         "message": "1 of 1 ready",
         "old_runs": False,
         "drift": [],
+        "development": None,
     }
     assert pod == {
         "name": "talker-1",
@@ -207,6 +276,10 @@ def test_status_for_scripts() -> None:
         "created": "2026-01-02T11:58:00Z",
         "image": "r/t:1",
         "kind": "",
+        "stopped": "",
+        "not_alive": "",
+        "crashed": "",
+        "crash": "",
     }
     assert status_json(release(TALKER, WAITING))["ready"] is False
 

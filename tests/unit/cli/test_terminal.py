@@ -29,6 +29,7 @@ row += ["10.244.1.13", "2/2", "0", "73s", "10.0.0.2:5000/ros:noetic@sha256:f3d1c
 print(table(heads, [row], OPTIONAL))
 print(table(["REVISION", "DESCRIPTION"], [["3", "job deploy of demo " + "x" * 100 + " the end"]]))
 """
+WHOLE = "OPTIONAL, (), ('NODE', 'POD'))"
 #: Waits as commands do, with more rows than words fit into, until it is interrupted.
 WAITING = """
 import sys
@@ -52,6 +53,18 @@ def python(text: str, columns: int, **environment: str) -> Terminal:
     """Run a program in a terminal."""
     environment = {"NO_COLOR": "", "FORCE_COLOR": "", **environment}
     return open_terminal([sys.executable, "-c", text], environment, columns=columns)
+
+
+@pytest.mark.parametrize("columns", [64, 80, 120, 160])
+def test_names_that_are_typed_are_whole_or_left_out(columns: int) -> None:
+    """That of a node is always there."""
+    text = TABLE.replace('"talker"', '"the-long-name-of-a-talker"').replace("OPTIONAL)", WHOLE)
+    terminal = python(text, columns)
+    assert terminal.end() == 0
+    heads, row, *_ = terminal.text.splitlines()
+    assert row.startswith("the-long-name-of-a-talker ")
+    assert ("talker-7d8f9c6b5-x2x4z" in row) == ("POD" in heads)
+    assert len(row) <= columns
 
 
 @pytest.mark.parametrize("columns", [64, 80, 120, 160])

@@ -26,6 +26,7 @@ from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rigelfile import render_starter
 from rigel_k8s.settings import Settings
@@ -111,6 +112,13 @@ def test_diff(record: Any, *, changes: bool, code: int) -> None:
     assert action.calls[0][0][0].adopt is True
     assert done.stderr == ("1 to change, 1 unchanged\n" if changes else "1 unchanged\n")
     assert ("\x1b[32m+new\x1b[0m" in done.stdout) is changes
+
+
+def test_logs_of_a_node_with_two_pods_name_the_pod(record: Any) -> None:
+    """Of a failed update, say; a note is of the node."""
+    pods = ("talker-1", "talker-1", "talker-2", "talker-1")
+    record(logs, "logs", [log_lines.LogLine("talker", pod, pod[-1]) for pod in pods])
+    assert call("logs", "talker").stdout == "1\n1\n[talker-2] 2\n[talker-1] 1\n"
 
 
 def test_logs(record: Any) -> None:
@@ -251,7 +259,8 @@ def test_down(record: Any) -> None:
     plan = Plan(ReleaseId("test", "app"), (Step("prune", ref), Step("forget", ref)))
     record(targets, "release", SimpleNamespace(id=plan.release))
     action = record(releases, "down", plan)
-    assert call("down").stdout == "removed app from test: 1 object deleted, 1 kept for its data\n"
+    left = "1 kept for its data: a (--volumes deletes it)"
+    assert call("down").stdout == f"removed app from test: 1 object deleted, {left}\n"
     assert action.kwargs == {"volumes": False}
     call("down", "--volumes", "-y")
     assert action.kwargs == {"volumes": True}
@@ -338,6 +347,14 @@ def test_doctor(record: Any) -> None:
     assert done.stdout == "✓ cluster: lab, v1.34.4\n✗ storage: none\n    make one\n"
     cluster, storage = json.loads(call("doctor", "-o", "json").stdout)
     assert (cluster["problem"], storage["problem"]["remedy"]) == (None, "make one")
+
+
+def test_doctor_warns(record: Any) -> None:
+    """A warning has a sign of its own, and the exit code of success: a deploy works."""
+    problem = Problem((), "clocks: differ", "clocks-differ", "warning", remedy="run chrony")
+    record(doctors, "examine", [doctors.Need("clocks", "differ", problem)])
+    done = call("doctor")
+    assert (done.return_value, done.stdout) == (0, "! clocks: differ\n    run chrony\n")
 
 
 def test_image(record: Any) -> None:

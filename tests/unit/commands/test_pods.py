@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.commands import pods
 from rigel_k8s.commands.logs.history import run_of
-from rigel_k8s.commands.pods import choose_running, pod_of, wrap_command
+from rigel_k8s.commands.pods import (
+    choose_running,
+    explain_forward,
+    find_matching,
+    pod_of,
+    wrap_command,
+)
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
@@ -50,6 +58,15 @@ def test_all_names_of_a_node() -> None:
     assert pod_of(pod()).aliases == {"lab/arm", "/lab/arm", "lab-arm", "lab-arm-1"}
 
 
+def test_a_name_without_its_namespace_means_the_only_such_node() -> None:
+    """As `listener` for `lab/listener`; of two, neither is meant."""
+    arm = pod_of(pod())
+    other = attrs.evolve(arm, name="x", workload="other-arm", ros_name="/other/arm")
+    assert find_matching([arm], "arm") == [arm]
+    assert find_matching([arm, other], "arm") == []
+    assert find_matching([arm], "ar") == []
+
+
 def test_commands_get_ros_where_our_scripts_are() -> None:
     """A container that is not of our making gets the command as it is."""
     ours = pod()
@@ -83,6 +100,44 @@ def test_a_run_of_a_container_has_a_number() -> None:
     assert run_of(item) == 2
 
 
+def forward_lines(monkeypatch: pytest.MonkeyPatch, *ports: dict[str, Any]) -> Iterator[str]:
+    """Yield what a forward without a port prints for a pod with these ports."""
+    item = pod()
+    item["spec"]["containers"][0]["ports"] = list(ports)
+    with serving(lambda exchange: exchange.say(200, {"metadata": {}, "items": [item]})) as server:
+        found = Release(Cluster(Target(server.url)), ReleaseId("lab", "lab"))
+        monkeypatch.setattr(pods, "release", lambda *_: found)
+        yield from pods.forward(Settings(Path("Rigelfile")), "lab/arm", {})
+
+
+def test_a_forward_without_a_port_takes_the_only_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """UDP cannot be forwarded; for the bridge it prints what opens the viewers."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    udp = {"containerPort": 9, "protocol": "UDP"}
+    lines = forward_lines(monkeypatch, {"containerPort": port, "name": "foxglove"}, udp)
+    address = f"ws://127.0.0.1:{port}"
+    assert [next(lines), next(lines), next(lines)] == [
+        f"127.0.0.1:{port} -> lab-arm-1:{port}",
+        f"Foxglove: https://app.foxglove.dev/~/view?ds=foxglove-websocket&ds.url={address}",
+        f"or open {address} in Lichtblick or another viewer",
+    ]
+    lines.close()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [((), "lab-arm has no `ports`"), ((1, 2), "lab-arm has the ports 1, 2")],
+)
+def test_a_forward_that_needs_a_port_asks_for_it(
+    ports: tuple[int, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error has the ports that there are."""
+    with pytest.raises(UserError, match=message) as raised:
+        next(forward_lines(monkeypatch, *({"containerPort": port} for port in ports)))
+    assert raised.value.hint == "name the port: `rigel forward lab-arm PORT`"
+
+
 def test_a_forward_without_the_right_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first connection shows it; the error names the right."""
     missing = 'User "ann" cannot get resource "pods/portforward" in API group "" in "lab"'
@@ -103,3 +158,19 @@ def test_a_forward_without_the_right_ends(monkeypatch: pytest.MonkeyPatch) -> No
         with socket.create_connection(("127.0.0.1", local)), refused as raised:
             next(lines)
         assert raised.value.exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "error forwarding port 9090 to pod 3f, uid : failed to connect to localhost:9090 inside"
+            ' namespace "3f", IPv4: dial tcp4 127.0.0.1:9090: connect: connection refused',
+            "nothing listens on port 9090 in talker",
+        ),
+        ("error forwarding port 9090: lost connection to pod", None),
+    ],
+)
+def test_a_port_without_a_server_is_named(text: str, told: str | None) -> None:
+    """The container runtime's own words are 300 characters; others are passed on."""
+    assert explain_forward(text, "talker") == (told or text)

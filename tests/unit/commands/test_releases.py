@@ -248,3 +248,10 @@ def test_diff_shows_what_others_own(
     assert "Deployment n/talker already exists" in str(found.conflict and found.conflict.details)
     assert "+    rigel-k8s/release: demo" in found.text
     assert releases.diff(Settings(tmp_path / "Rigelfile", adopt=True), None).conflict is None
+
+
+def test_a_release_without_revisions_is_no_table() -> None:
+    """After `down`, or in a namespace that is misspelt."""
+    with pytest.raises(UserError, match="there is no release") as error:
+        releases.history(Settings(Path("Rigelfile")), None)
+    assert "rigel list -A" in str(error.value.hint)

@@ -6,9 +6,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import attrs
 import pytest
 
-from rigel_k8s.commands.run import run
+from rigel_k8s.commands.run import prepare, run
 from rigel_k8s.errors import JobFailed, UserError
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
@@ -84,6 +85,31 @@ def test_a_run_without_a_cluster_needs_no_kubeconfig(nowhere: Path) -> None:
     assert (nowhere / "Dockerfile").exists()
 
 
+FLEET = """
+application: {distro: noetic}
+jobs:
+  dockerfile: {plugin: rigel_k8s.DockerfilePlugin, with: {command: [a]}}
+  deploy: {plugin: rigel_k8s.OrchestrationPlugin, with: {image: a, namespace: "{{ data.robot }}"}}
+sequences:
+  alone: {stages: [{jobs: [deploy]}]}
+  after: {stages: [{jobs: [dockerfile, deploy]}]}
+  fleet: {matrix: {robot: [a, b]}, stages: [{jobs: [deploy]}]}
+  other: {matrix: {robot: [a, b]}, stages: [{jobs: [dockerfile]}]}
+"""
+
+
+def test_a_job_of_a_fleet_names_the_sequences_that_pass_its_data(nowhere: Path) -> None:
+    """It is refused before it runs."""
+    (nowhere / "Rigelfile").write_text(FLEET)
+    report = Recorder()
+    with pytest.raises(UserError) as caught:
+        run("job", "deploy", Settings(rigelfile=nowhere / "Rigelfile"), report)
+    assert "no earlier job has stored data.robot" in "\n".join(caught.value.details)
+    names = "`rigel run sequence after`, `rigel run sequence fleet`"
+    assert caught.value.hint == f"a sequence passes it to the job: {names}"
+    assert report.entries == []
+
+
 def test_a_name_that_only_one_has_is_enough(nowhere: Path) -> None:
     """`rigel run deploy` is what everyone types first."""
     settings = Settings(rigelfile=nowhere / "Rigelfile")
@@ -98,3 +124,6 @@ def test_a_name_that_only_one_has_is_enough(nowhere: Path) -> None:
     with pytest.raises(UserError, match='a job and a sequence are called "deploy"') as caught:
         run(None, "deploy", settings, Recorder())
     assert "rigel run sequence deploy" in str(caught.value.hint)
+    with pytest.raises(UserError, match='a job and a sequence are called "deploy"') as caught:
+        prepare(None, "deploy", attrs.evolve(settings, tests=True))
+    assert "`rigel test job deploy` or `rigel test sequence deploy`" in str(caught.value.hint)

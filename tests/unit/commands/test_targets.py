@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.commands import targets
-from rigel_k8s.commands.targets import job_of, names, node_names, release
+from rigel_k8s.commands.targets import job_of, list_namespaces, names, node_names, release
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
+from rigel_k8s.kube import connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
@@ -91,6 +92,20 @@ def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) ->
     for nodes in (["ros-master"], ["camera", "talker"], ["nowhere"]):
         with pytest.raises(UserError, match="several releases"):
             release(found, nodes=nodes)
+
+
+def test_the_namespaces_of_a_rigelfile(tmp_path: Path, kubeconfig: Path) -> None:
+    """Those of its jobs, the context's for one that names none; the user's own word wins."""
+    elsewhere = OTHER.replace("{deployment_name", "{namespace: lab, deployment_name")
+    found = settings(tmp_path, DEPLOY, elsewhere, UPDATE, BUILD)
+    with connect(found) as cluster:
+        assert list_namespaces(found, cluster) == ["from-context", "lab"]
+        found = settings(tmp_path, elsewhere, namespace="mine")
+        assert list_namespaces(found, cluster) == ["mine"]
+        found = settings(tmp_path, "\n  broken: [")
+        assert list_namespaces(found, cluster) == ["from-context"]
+        found.rigelfile.unlink()
+        assert list_namespaces(found, cluster) == ["from-context"]
 
 
 def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:

@@ -51,7 +51,8 @@ SUMMARY = {
 
 def test_a_kubelets_summary_tells_of_a_namespace() -> None:
     """What has just begun has no rate yet, and is left out rather than told as nothing."""
-    assert read_summary(SUMMARY, "lab") == {"talker-1": Usage(0.006264841, 24662016.0)}
+    used = Usage(0.006264841, 24662016.0)
+    assert read_summary(SUMMARY, "lab") == {("talker-1", "ros-node"): used, ("talker-1", ""): used}
 
 
 def test_a_query_leaves_out_what_is_no_number() -> None:
@@ -120,7 +121,7 @@ def node(name: str, value: float) -> list[Sample]:
 
 
 def make_row(of: Pod, usage: Usage | None, samples: Mapping[str, list[Sample]]) -> UsageRow:
-    (row,) = make_rows([of], {of.name: usage} if usage else {}, samples)
+    (row,) = make_rows([of], {(of.name, ""): usage} if usage else {}, samples)
     return row
 
 

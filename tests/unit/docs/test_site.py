@@ -71,7 +71,7 @@ def test_the_search_finds_every_page(site: Path) -> None:
         ("rosbag", "whole-robot/"),
         ("gpu", "nodes/"),
         ("udev", "placement/"),
-        ("foxglove", "whole-robot/"),
+        ("foxglove", "see/"),
         ("docker compose", ""),
     ],
 )

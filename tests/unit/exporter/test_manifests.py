@@ -141,7 +141,7 @@ def test_it_runs_where_all_nodes_are_bound_to() -> None:
     )
 
 
-ZENOH = f"{NODES}\nnetwork: zenoh\n"
+ZENOH = f"{NODES}\nnetwork: zenoh\nrmw_layer: false\n"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,37 @@ def test_what_keeps_it_from_seeing_is_told(
 
 
 def test_what_cannot_be_seen_has_no_exporter() -> None:
+    """Notes of processes are seen in every middleware, the discovery of zenoh is not."""
     assert "ros-exporter" not in deployments(release(ZENOH + ON, "jazzy"))
+    assert "ros-exporter" in deployments(release(f"{NODES}\nnetwork: zenoh\n" + ON, "jazzy"))
+
+
+def test_it_reads_the_notes_of_every_node_that_has_the_layer() -> None:
+    """On their machines' network, workloads have ports of their own; one without it has none."""
+    nodes = "nodes: { a: { args: [x] }, b: { args: [x], rmw_layer: false }, c: { args: [x] } }"
+    found = {}
+    for mode in ("peers", "host"):
+        drafted = draft(
+            options(f"{nodes}\nnetwork: {mode}{ON}"),
+            ReleaseId("robots", "app"),
+            Application("jazzy"),
+            Texts(libraries={"rmw-x86_64.so": b""}),
+        )
+        objects = drafted.finish().objects
+        (config,) = (
+            o for o in objects if o["metadata"]["name"] == "app-ros-exporter" and "data" in o
+        )
+        found[mode] = json.loads(config["data"]["config.json"])["keepers"]
+        services = {
+            f"{o['metadata']['name']}:{o['spec']['ports'][0]['port']}"
+            for o in objects
+            if o["kind"] == "Service" and o["metadata"]["name"].endswith("-pods")
+        }
+        assert services == set(found[mode])
+    assert found["peers"] == ["a-pods:11399", "c-pods:11399"]
+    (a, first), (c, second) = (one.split(":") for one in found["host"])
+    assert (a, c) == ("a-pods", "c-pods")
+    assert abs(int(first) - int(second)) >= 4
 
 
 def test_a_static_range_has_an_address_for_it() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import threading
+import time
 import xmlrpc.client
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -78,6 +79,15 @@ def test_registered_nodes_that_answer_are_up(graph: RosGraph, ros1: Ros1) -> Non
     assert (found.master.up, found.master.pid, found.master.run) == (True, 1, "run-1")
 
 
+def test_a_process_is_another_one_by_its_port_or_its_number(graph: RosGraph, ros1: Ros1) -> None:
+    """In a container both may be the same again, but not together."""
+    node = graph.node("/talker", ["/chatter"], pid=1)
+    host, first = nodes(ros1.look())["/talker"].process
+    node.pid = 2
+    assert nodes(ros1.look())["/talker"].process == (host, f"{first.split()[0]} 2")
+    assert (host, first.split()[1]) == ("127.0.0.1", "1")
+
+
 def test_a_node_that_does_not_answer_is_not_up(
     graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,6 +109,35 @@ def test_an_orphan_is_told_as_one(graph: RosGraph, ros1: Ros1) -> None:
     orphan = nodes(ros1.look())["/talker"]
     assert (orphan.up, orphan.registered) == (False, False)
     assert orphan.missing == 1
+
+
+def test_an_orphan_that_is_busy_for_a_while_is_still_one(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No master has its address: an orphan that is forgotten is never found again."""
+    node = graph.node("/talker", ["/chatter"])
+    ros1.look()
+    graph.master.drop("/talker")
+    del graph.master.nodes["/talker"]
+    with monkeypatch.context() as busy:
+        busy.setattr(node, "getPid", lambda caller: time.sleep(0.5), raising=False)
+        busy.setattr(ros1_view, "ANSWER", 0.2)
+        assert nodes(ros1.look()) == {}
+    assert nodes(ros1.look())["/talker"].missing == 1
+
+
+def test_an_orphan_that_stays_silent_is_forgotten(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its address may become another node's."""
+    node = graph.node("/talker", ["/chatter"])
+    node.stats = [[["/chatter", "90", [["1", 110, 9, True]]]], [], []]
+    ros1.look()
+    graph.master.drop("/talker")
+    node.close()
+    assert list(ros1.look().traffic)
+    monkeypatch.setattr("rigel_exporter.ros1._FRESH", -1.0)
+    assert not list(ros1.look().traffic)
 
 
 def test_a_node_that_ended_in_order_is_forgotten(graph: RosGraph, ros1: Ros1) -> None:

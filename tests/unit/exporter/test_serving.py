@@ -56,6 +56,8 @@ class Heard(Subscription):
 class Half:
     """A graph of one node, whose look waits as long as it is told."""
 
+    counts = False
+
     def __init__(self) -> None:
         self.heard: dict[str, Heard] = {}
         self.go = threading.Event()

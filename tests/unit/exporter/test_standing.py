@@ -31,6 +31,14 @@ def test_an_expected_node_is_told_before_it_was_ever_seen() -> None:
     assert told(made, "ros_node_registered") == {("/talker", "t"): 1, ("/lidar", "laser"): 0}
 
 
+def test_a_node_that_is_cut_off_is_down_if_it_is_expected_in_this_domain() -> None:
+    """Others may be in a domain of their own."""
+    made = standing({"/talker": "t"})
+    alone = [Node(name, up=True, registered=False) for name in ("/talker", "/elsewhere")]
+    made.take(Graph(nodes=alone), 0.0)
+    assert told(made, "ros_node_up") == {("/talker", "t"): 0, ("/elsewhere", ""): 1}
+
+
 def test_a_node_that_names_itself_has_its_workload_and_is_not_expected() -> None:
     made = standing(known={"/talker": "t", "/never": "n"})
     made.take(Graph(nodes=[TALKER]), 0.0)
@@ -44,6 +52,23 @@ def test_a_node_seen_once_is_gone_for_an_hour_and_then_forgotten() -> None:
     assert told(made, "ros_node_up") == {("/talker", ""): 0}
     made.take(Graph(), REMEMBERED + 1)
     assert told(made, "ros_node_up") == {}
+
+
+def test_another_process_at_the_same_address_is_a_restart() -> None:
+    """At another address it is another pod's, which an update has made."""
+    made = standing({"/talker": "t"})
+    for process in (("1.1.1.1", "a"), ("1.1.1.1", "a"), (), ("1.1.1.1", "b"), ("2.2.2.2", "c")):
+        made.take(Graph(nodes=[TALKER._replace(process=process)]), 0.0)
+    assert told(made, "ros_node_restarts_total") == {("/talker", "t"): 1}
+    made.take(Graph(nodes=[TALKER._replace(process=("2.2.2.2", "d"))]), 1.0)
+    made.take(Graph(), 2.0)
+    assert told(made, "ros_node_restarts_total") == {("/talker", "t"): 2}
+
+
+def test_a_node_whose_process_is_not_known_has_no_count_of_restarts() -> None:
+    made = standing()
+    made.take(Graph(nodes=[TALKER]), 0.0)
+    assert told(made, "ros_node_restarts_total") == {}
 
 
 def test_an_anonymous_node_is_forgotten_at_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import socket
@@ -18,16 +19,17 @@ from tests.support.rosgraph import until
 
 pytestmark = pytest.mark.programs
 
-#: Binds UDP ports, says so, and reads what it is sent where it is to.
+#: Binds UDP ports, says so, and reads what it is sent where it is to: not at those with a minus.
 PARTICIPANT = """
 import select, socket, sys
-reads, ports = sys.argv[1] == "reads", sys.argv[2:]
+reads, ports = sys.argv[1] == "reads", [port.lstrip("-") for port in sys.argv[2:]]
 sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in ports]
 for one, port in zip(sockets, ports):
     one.bind(("127.0.0.1", int(port)))
 print("up", flush=True)
-while select.select(sockets if reads else [sys.stdin], [], [])[0]:
-    for one in select.select(sockets, [], [], 0)[0]:
+heard = [one for one, port in zip(sockets, sys.argv[2:]) if port[0] != "-"]
+while select.select(heard if reads else [sys.stdin], [], [])[0]:
+    for one in select.select(heard, [], [], 0)[0]:
         one.recv(100)
 """
 #: Connects to a TCP port.
@@ -115,6 +117,17 @@ def test_one_socket_in_a_domains_range_is_no_participant(pod: Pod):
     assert "yet" in pod.dds()
 
 
+def test_sockets_for_sending_are_not_asked(pod: Pod, monkeypatch: pytest.MonkeyPatch):
+    """Nobody reads them. The system chose their ports: in the domain's range, or two neighbors."""
+    monkeypatch.setattr(pod.dds_ready, "READS", 0.3)
+    own = [PORT - 10, PORT, PORT + 1]  # it hears announcements, too
+    chance = [PORT + 20, PORT + 500, PORT + 501]
+    pod.starts(PARTICIPANT, "reads", *map(str, own), *(f"-{port}" for port in chance))
+    assert pod.dds().endswith(f") at domain {DOMAIN}")
+    assert pod.probe("dds").endswith(f") at domain {DOMAIN}")
+    assert pod.probe("dds").count("at domain") == 1
+
+
 def test_a_stopped_participant_says_so_at_once(pod: Pod):
     """Seconds later it would only be told to hang."""
     pid = pod.participates()
@@ -129,6 +142,48 @@ def test_a_participant_that_does_not_read_hangs(pod: Pod, monkeypatch: pytest.Mo
     pod.participates(reads=False)
     line = pod.dds()
     assert f"hangs: what was sent to its UDP port {PORT} was not read within" in line
+
+
+def test_a_participant_that_is_behind_reads(pod: Pod, monkeypatch: pytest.MonkeyPatch):
+    """One that is sent more than it reads is connected, though its queue is never empty."""
+    lengths = itertools.cycle([900, 1000, 800])
+    found = [pod.dds_ready.dds_local.Socket("127.0.0.1", PORT, 0, "7")]
+
+    def sockets() -> list[object]:
+        found[0].waiting = next(lengths)
+        return found
+
+    monkeypatch.setattr(pod.dds_ready.dds_local, "udp_sockets", sockets)
+    assert pod.dds_ready.dds_local.is_read("7", 5)
+    lengths = itertools.count(900)
+    assert not pod.dds_ready.dds_local.is_read("7", 0.3)
+
+
+def test_a_participant_that_never_reads_fails_the_liveness_probe(
+    pod: Pod,
+    script: Callable[[str], ModuleType],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):
+    """Not before the time is over, nor one that is sent nothing, or that reads."""
+    probe = script("rmw_ready").main
+    monkeypatch.setenv("RIGEL_RMW", str(tmp_path))
+    pod.participates(port=PORT + 2)
+    pid = pod.participates(reads=False)
+    assert probe(["stuck", "0"]) == 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mouth:
+        for port in (PORT, PORT + 2):
+            mouth.sendto(b"anyone there?", ("127.0.0.1", port))
+    capsys.readouterr()
+    until(lambda: probe(["stuck", "2"]) == 1, "the probe fails")
+    said = capsys.readouterr().out
+    assert f"process {pid} (" in said
+    assert f") has not read its UDP port {PORT} for " in said
+    assert probe(["stuck", "3600"]) == 0
+    pod.stop(pid)
+    os.kill(pid, signal.SIGKILL)
+    until(lambda: probe(["stuck", "2"]) == 0, "the probe passes: its socket is closed")
 
 
 def test_another_domain_is_named(pod: Pod):
@@ -252,20 +307,29 @@ def test_a_node_is_ready_once_the_script_beside_it_is_done(
     assert pod.dds(option, "/n").endswith(", /n has")
 
 
-def test_a_node_that_hands_over_is_ready_by_its_turn(
+@pytest.mark.parametrize("hands_over", [False, True])
+def test_a_node_with_the_layer_is_asked_itself(
     pod: Pod,
     script: Callable[[str], ModuleType],
     monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    hands_over: bool,  # noqa: FBT001
 ):
-    """It takes part in DDS, and it works or waits for that; the line says which."""
-    progress = script("progress")
-    monkeypatch.setattr(progress, "FILES", (str(tmp_path / "file"),))
+    """After its part in DDS; the directory and the Service are in its environment."""
+    asked: list[object] = []
+    found = script("rmw_ready")
+
+    def look(*words: object) -> list[str]:
+        asked.append(words)
+        if len(asked) > 1:
+            raise found.NotReady("it waits")
+        return ["/talker"]
+
+    monkeypatch.setattr(found, "look", look)
+    monkeypatch.setenv("RIGEL_RMW", "/run/x")
+    if hands_over:
+        monkeypatch.setenv("RIGEL_K8S_PEERS", "talker-pods")
+    assert pod.dds("--node", "/talker").startswith("no process")
     pod.participates()
-    assert pod.dds("--lifecycle", "/talker") == "lifecycle.py has not started yet for /talker"
-    for step, line in (("failed", "no, it failed"), ("waits", "/talker waits")):
-        progress.Progress(step, line, "t1_pod", os.getpid()).save()
-        told = pod.dds("--lifecycle", "/talker")
-        assert told.endswith(line)
-        assert (told == line) == (step == "failed")
-    assert "waits" not in pod.dds()
+    assert pod.dds("--node", "/talker").endswith(", /talker")
+    assert pod.dds() == "it waits"
+    assert asked == [("/run/x", "/talker", hands_over), ("/run/x", None, hands_over)]

@@ -16,16 +16,15 @@ import pytest
 
 import rigel_inpod
 from rigel_inpod import scripts
+from rigel_rmw import libraries
 
 ROOM = Path(rigel_inpod.__file__).parent
-#: The DDS check: sent with its request (discovery/looks.py), not mounted.
-LOOK = ("dds.py", "dds_standin.py", "spdp.py")
+#: The exporter's: not mounted.
+LOOK = ("spdp.py",)
 #: All that runs in an application's container, below this folder.
 PROGRAMS = {
     str(path.relative_to(ROOM)) for path in ROOM.rglob("*.py") if path.name != "__init__.py"
 }
-#: Sent into the exporter's own pod.
-IN_EXPORTER = {"sent/heard.py"}
 
 
 def test_every_script_is_mounted():
@@ -36,8 +35,9 @@ def test_every_script_is_mounted():
 
 
 def test_small():
-    """All of them together stay far below a ConfigMap's limit of 1 MiB."""
-    assert sum(len(text.encode()) for text in scripts().values()) < 150_000
+    """With both libraries in base64 they stay far below a ConfigMap's limit of 1 MiB."""
+    assert sum(len(text.encode()) for text in scripts().values()) < 240_000
+    assert sum(map(len, libraries().values())) < 100_000
 
 
 @pytest.mark.programs
@@ -53,28 +53,32 @@ def test_shell_syntax(name: str, shell: str):
 
 #: For ROS 2 and plain DDS, whose images have Python 3.
 DDS = {
-    *("components.py", "dds.py", "dds_local.py", "dds_ready.py", "dds_standin.py"),
-    *("interfaces.py", "lifecycle.py", "rtps.py", "spdp.py", "transitions.py"),
+    *("components.py", "dds_local.py", "dds_ready.py", "handover.py", "interfaces.py", "keeper.py"),
+    *("join.py", "rmw_notes.py", "rmw_ready.py", "rtps.py", "spdp.py", "transitions.py"),
+    *("sent/notes.py", "sent/ros2_tools.py"),
 }
 #: Beside a lifecycle node only, whose image has them.
-ROS2 = {"rclpy", "rclpy.executors", "rclpy.signals", "lifecycle_msgs.msg", "lifecycle_msgs.srv"}
-#: What a script needs besides, which its image has: `lifecycle.py` runs beside a lifecycle node.
-#: What runs once, beside a node, may load slowly.
+ROS2 = {"rclpy", "rclpy.executors", "lifecycle_msgs.srv"}
+#: What a script needs besides: its image has it, and what runs once in a pod may load slowly.
 MORE = {
+    "blackbox.py": {"collections", "urllib.request", "urllib2"},
     "components.py": {"rclpy", "rclpy.parameter", "composition_interfaces.srv"},
     "globalparameters.py": {"hashlib", "json", "signal"},
-    "lifecycle.py": ROS2 | {"signal"},
+    "join.py": {"json", "select", "threading"},
+    "keeper.py": {"errno", "json", "select", "signal", "threading"},
     "loading.py": {"json", "signal"},
     "nodelets.py": {"xmlrpc.client", "xmlrpclib"},
+    "record.py": {"__future__", "json", "re", "shutil", "signal", "subprocess"},
     "roscore.py": {"roslaunch.config", "roslaunch.core", "roslaunch.launch", "runpy"},
     "start.py": {"json", "shlex", "subprocess", "tempfile"},
     "substitution.py": {"subprocess"},
-    "transitions.py": {"signal"},
+    "rmw_notes.py": {"collections"},
+    "transitions.py": ROS2 | {"signal"},
 }
 
 
 @pytest.mark.programs
-@pytest.mark.parametrize("name", sorted(PROGRAMS - DDS - IN_EXPORTER))
+@pytest.mark.parametrize("name", sorted(PROGRAMS - DDS))
 def test_python2_syntax(name: str, tmp_path: Path, python2: str):
     """Each script for ROS 1 is compiled by Python 2.7, which ROS images up to melodic have."""
     compiled(python2, name, tmp_path)
@@ -103,8 +107,8 @@ def test_standard_library_only():
             assert imported(text) <= own | quick | MORE.get(name, set()), name
 
 
-def test_the_look_needs_the_standard_library_only():
-    """What runs when somebody asks for the graph may load slowly, but nothing has to be there."""
+def test_what_is_not_mounted_needs_the_standard_library_only():
+    """It may load slowly, but nothing has to be there."""
     own = {name.removesuffix(".py") for name in PROGRAMS}
     for name in LOOK:
         assert imported((ROOM / name).read_text()) <= own | sys.stdlib_module_names, name
@@ -131,6 +135,32 @@ def test_what_exec_starts_is_marked(script: Callable[[str], ModuleType]):
         env={"PATH": "/usr/bin:/bin"},
     )
     assert script("container").EXEC_MARK.decode() in done.stdout.splitlines()
+
+
+@pytest.mark.programs
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("/rigel-k8s/rmw-x86_64.so", None),
+        ("/rigel-k8s/rmw-aarch64.so:/lib/own.so /lib/b.so", "/lib/own.so /lib/b.so"),
+        ("/lib/own.so", "/lib/own.so"),
+    ],
+)
+def test_what_exec_starts_has_no_layer(before: str, after: str | None):
+    """It is for the node's own processes; a library of the user's stays."""
+    longest = ":".join(f"/ws/{number}" for number in range(1000))  # other nodes may run here
+    node = {"AMENT_PREFIX_PATH": longest, "LD_PRELOAD": before}
+    with subprocess.Popen(["sleep", "60"], env=node, stderr=subprocess.DEVNULL) as sleep:
+        done = subprocess.run(
+            ["/bin/sh", "-c", f". {ROOM}/rc.sh; unset PATH; export -p"],
+            capture_output=True,
+            text=True,
+            env={"PATH": "/usr/bin:/bin"},
+        )
+        sleep.kill()
+    assert longest in done.stdout
+    found = re.search(r"LD_PRELOAD='?\"?([^'\"\n]*)", done.stdout)
+    assert (found and found[1]) == after
 
 
 def test_contracts():

@@ -193,27 +193,57 @@ exit $(cat "${0%/*}/code")
 """
 
 
-@pytest.mark.parametrize(("seconds", "wait"), [(None, 4), (20, 10)])
 @pytest.mark.parametrize("code", [0, 1])
-def test_a_lifecycle_node_is_deactivated_before_it_is_signalled(
-    stopped: Callable[..., list[str]],
-    hook: Callable[[int], Path],
-    code: int,
-    seconds: int | None,
-    wait: int,
+def test_a_ros2_pod_hands_over_before_anything_is_signalled(
+    stopped: Callable[..., list[str]], hook: Callable[[int], Path], code: int
 ):
-    """In the node's environment, within half of the time; what was sent has a moment to arrive."""
+    """As long as goals may take; what was sent has a moment to arrive.
+
+    Its transitions are made only if no other node of its name works, which would make them too.
+    """
     script = hook(code)
-    shutil.copy(STOP.parent / "exec.sh", script.parent)
-    shutil.copy(STOP.parent / "rc.sh", script.parent)
-    (script.parent / "python3").write_text(PYTHON)
+    for name in ("exec.sh", "rc.sh"):
+        shutil.copy(STOP.parent / name, script.parent)
+    (script.parent / "python3").write_text(KEEPER)
     (script.parent / "python3").chmod(0o755)
-    env = {**env_of(script, ""), "RIGEL_K8S_LIFECYCLE": "/talker"}
-    lines = stopped("one", seconds=seconds, script=script, env=env)
+    own = {"PEERS": "talker-pods", "DRAIN": "77", "TRANSITIONS": "/talker shutdown"}
+    env = env_of(script) | {f"RIGEL_K8S_{name}": value for name, value in own.items()}
+    lines = stopped("one", script=script, env=env)
     assert lines == ["one SIGINT", "first SIGINT"]
     log = log_of(script)
-    assert log[:2] == [f"lifecycle.py leave --wait {wait}, 1", "the node runs"]
+    assert log[0] == "keeper.py leave --wait 77 while the node runs"
     assert ("sleep 0.5" in log) == (code == 0)
+    assert any("transitions.py" in line for line in log) == (code == 1)
+
+
+#: Called in the place of Python; the name of the script has its flags before it.
+KEEPER = """#!/bin/sh
+while [ "${1#-}" != "$1" ]; do shift; done
+kill -0 2 2>/dev/null && echo "${1##*/} $2 $3 $4 while the node runs" >>"${0%/*}/log"
+exit $(cat "${0%/*}/code")
+"""
+
+
+def test_the_keeper_is_left_alone(stopped: Callable[..., list[str]], hook: Callable[[int], Path]):
+    """It answers for goals until the end, and the hook does not wait for it."""
+    script = hook(0)
+    names = [str(script.parent / name) for name in ("keeper.py", "rmw.sh")]
+    for name in names:
+        Path(name).write_text(KEEPS)
+    assert stopped("one", *names, script=script) == ["one SIGINT", "first SIGINT"]
+    assert not list(script.parent.glob("*.signalled"))
+
+
+#: Notes a signal beside itself, and says nothing.
+KEEPS = """
+import os, pathlib, signal, sys
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *_: pathlib.Path(sys.argv[0] + ".signalled").touch())
+print("up", flush=True)
+os.close(1)
+while True:
+    signal.pause()
+"""
 
 
 def test_a_lifecycle_node_makes_its_transitions_before_it_is_signalled(

@@ -35,7 +35,7 @@ class Node:
     def hand(self) -> SimpleNamespace:
         """Return what stands for a ROS node that asks it."""
         return SimpleNamespace(
-            state=lambda _: self.look(), change=self.change, spin=self.wait, close=self.close
+            state=self.look, change=self.change, spin=self.wait, close=self.close
         )
 
     def look(self) -> str | None:
@@ -43,7 +43,7 @@ class Node:
             self.state = "unconfigured"
         return self.state
 
-    def change(self, _: None, transition: str, seconds: float) -> bool:
+    def change(self, transition: str, seconds: float) -> bool:
         assert seconds > 0
         self.asked.append(transition)
         if self.refusals.get(transition, 0) > 0:
@@ -149,12 +149,12 @@ def test_an_error_in_activate_begins_at_the_front(transitions: ModuleType, node:
     """Such a node cleans itself up, and has to be configured anew."""
     change = node.change
 
-    def fail_once(token: None, transition: str, seconds: float) -> bool:
+    def fail_once(transition: str, seconds: float) -> bool:
         if transition == "activate" and node.asked.count("activate") == 0:
             node.asked.append(transition)
             node.state = "unconfigured"
             return False
-        return change(token, transition, seconds)
+        return change(transition, seconds)
 
     hand = node.hand()
     hand.change = fail_once

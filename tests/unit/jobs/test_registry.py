@@ -147,6 +147,11 @@ def test_an_entry_point_is_found_by_its_name(beside: Path, monkeypatch: pytest.M
             "use one of",
         ),
         ("attr.x.Nothing", 'unknown job type "attr.x.Nothing"', "use one of"),
+        (
+            "rigel_k8s.OrchestrationPlugn",
+            "module rigel_k8s has no OrchestrationPlugn",
+            "did you mean rigel_k8s.OrchestrationPlugin?",
+        ),
         ("attr.Zebra", "module attr has no Zebra", "check what attr defines"),
         ("antigravity.Job", 'unknown job type "antigravity.Job"', "use one of"),
         (".x.Y", 'unknown job type ".x.Y"', "use one of"),

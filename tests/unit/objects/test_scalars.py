@@ -45,7 +45,8 @@ GOOD = {
     "RosUri": ["http://robot:11311", "http://10.0.0.1:11311/", "http://[::1]:11311"],
     "Url": ["http://loki.logging:3100", "https://loki/a?b", "http://[::1]:9090"],
     "HostPort": ["alertmanager.monitoring:9093", "10.0.0.1:9093"],
-    "Duration": ["30", "30s", "5m", "1h30m", "0.5s"],
+    "Duration": ["30", "30s", "5m", "1h30m", "0.5s", "500ms"],
+    "Range": ["2", "0.5", "8..12", "8..", "..12", "3..3"],
     "Retention": ["15s", "7d", "1h30m", "500ms"],
 }
 BAD = {
@@ -71,7 +72,8 @@ BAD = {
     "RosUri": ["robot:11311", "http://robot", "https://robot:1", "http://robot:11311/x"],
     "Url": ["", "loki:3100", "there", "ftp://a", "http://a b"],
     "HostPort": ["", "nobody", "http://a:1", "a:"],
-    "Duration": ["", "0", "0s", "five", "1d", "-1s", "5 m"],
+    "Duration": ["", "0", "0s", "five", "1d", "-1s", "5 m", "5m500ms", "0ms"],
+    "Range": ["", "..", "12..8", "8-12", "8...12", "-1", "ten"],
     "Retention": ["", "7", "week"],
 }
 

@@ -12,6 +12,7 @@ WRONG = [
     ("bad-duration", "loki.retention", "{loki: {retention: 12h}}"),
     ("bad-duration", "prometheus.retention", "{prometheus: {retention: 0s}}"),
     ("bad-duration", "prometheus.scrape_interval", "{prometheus: {scrape_interval: 0s}}"),
+    ("bad-quantity", "loki.resources.limits.memory", "{loki: {resources: {limits: {memory: 9}}}}"),
     ("missing-url", "existing.prometheus", "{existing: {prometheus: true}}"),
 ]
 WARNINGS = [

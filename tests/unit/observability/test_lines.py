@@ -132,6 +132,7 @@ def test_no_line_is_dropped_while_loki_does_not_answer() -> None:
     queue = exporter["sending_queue"]
     assert queue["storage"] in made["service"]["extensions"]
     assert queue["block_on_overflow"]
+    assert queue["num_consumers"] == 1
     assert exporter["retry_on_failure"]["max_elapsed_time"] == "0s"
     assert files["retry_on_failure"] == {"enabled": True, "max_elapsed_time": "0s"}
     assert files["storage"] in made["service"]["extensions"]

@@ -52,6 +52,32 @@ def test_a_revision_says_what_it_has_changed(fake: Any, report: Any) -> None:
     assert found[1].images == ("app:1", "app:2@sha256:abababa")
 
 
+def with_files(name: str, **files: str) -> tuple[Any, Any]:
+    """Return a workload and the ConfigMap with its files, which has another name if one changes."""
+    made = workload()
+    items = [{"key": key, "path": f"scripts/{key}.py"} for key in files]
+    volume = {"name": "files-0", "configMap": {"name": name, "items": items}}
+    made["spec"]["template"]["spec"]["volumes"] = [volume]
+    return made, config(name, **files)
+
+
+def test_a_changed_file_is_named(fake: Any, report: Any) -> None:
+    """Also a new and a removed one; many are counted, and a new folder is a volume."""
+    found = entries(
+        fake,
+        report,
+        (workload(),),
+        with_files("c1", a="1", b="1", c="1"),
+        with_files("c2", a="2", b="1", d="1"),
+        with_files("c3", e="1"),
+    )
+    assert [entry.changes for entry in found[1:]] == [
+        ("talker: volumes",),
+        ("talker: scripts/a.py, scripts/c.py, scripts/d.py",),
+        ("talker: 4 files",),
+    ]
+
+
 def test_a_rollback_is_described_from_the_present(fake: Any, report: Any) -> None:
     """Not step by step, and not for the present revision."""
     found = entries(

@@ -11,7 +11,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError
-from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL, SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.difference import difference
@@ -269,6 +269,98 @@ def test_a_difference_shows_lines_and_hides_secrets() -> None:
     assert "-  p: (hidden, as it is)\n+  p: (hidden, changed)\n   q: (hidden)\n" in text
     assert "b2xk" not in text
     assert difference([Step("keep", ref_of(one), one, one, one)]) == ""
+
+
+def test_a_difference_shows_which_binary_file_it_is() -> None:
+    """Not kilobytes of base64; the same name may stand for another library."""
+    one, two = (
+        made("ConfigMap", "c", data={"a.sh": "exit"}, binaryData={"a.so": value})
+        for value in ("b2xk", "bmV3")
+    )
+    text = difference([Step("change", ref_of(one), two, one, two)])
+    assert "b2xk" not in text
+    assert "-  a.so: (3 bytes, sha256 " in text
+    assert "+  a.so: (3 bytes, sha256 " in text
+
+
+def config_steps(old: str, new: str) -> list[Step]:
+    """Return the steps for a changed file: its ConfigMap gets another name."""
+    before = made("ConfigMap", "n-files-0123456789", data={"a.sh": old, "b.sh": "b\n" * 9})
+    after = made("ConfigMap", "n-files-abcdef0123", data={"a.sh": new, "b.sh": "b\n" * 9})
+    return [
+        Step("create", ref_of(after), after, None, after),
+        Step("prune", ref_of(before), None, before, None),
+    ]
+
+
+def test_a_changed_line_of_a_file_is_the_one_that_is_shown() -> None:
+    """Its ConfigMap has another name then. Tabs and spaces at the end of a line change nothing."""
+    whole = "#!/bin/sh\r\nif x; then \n\techo %s\nfi"
+    steps = config_steps(whole % "one", whole % "two")
+    text = difference(steps)
+    changed = [line for line in text.splitlines() if line[0] in "+-"]
+    assert changed == [
+        "--- ConfigMap n/n-files-0123456789 (cluster)",
+        "+++ ConfigMap n/n-files-abcdef0123 (Rigelfile)",
+        "-    \techo one",
+        "+    \techo two",
+        "-  name: n-files-0123456789",
+        "+  name: n-files-abcdef0123",
+    ]
+    assert "   a.sh: |-\n     #!/bin/sh\\r\n     if x; then \n" in text
+
+
+def test_the_file_of_a_changed_line_is_named() -> None:
+    """As lines above do not show it; a head in the file itself is none."""
+    text = "run: |\n" + "  same\n" * 9
+    text = difference(config_steps(f"{text}one\n", f"{text}two\n"))
+    hunks = [line.rpartition("@@")[2] for line in text.splitlines() if line.startswith("@@")]
+    assert hunks == [" a.sh", ""]
+
+
+def test_of_several_old_objects_one_is_compared_and_none_is_hidden() -> None:
+    """Those that an interrupted deploy left are removed, too."""
+    create, prune = config_steps("a\nb\n", "a\nc\n")
+    left = made("ConfigMap", "n-files-1111111111", data={"a.sh": "!lines 0"})
+    text = difference([create, Step("prune", ref_of(left), None, left, None), prune])
+    assert "-    b\n+    c\n" in text
+    assert "-  a.sh: |-\n-    !lines 0\n" in text
+    assert "-  name: n-files-1111111111" in text
+
+
+def files_steps(node: str, old: dict[str, str], new: dict[str, str]) -> list[Step]:
+    """Return the steps for the changed files of a node."""
+    found = [
+        made("ConfigMap", f"{node}-files-{digest * 10}", data=data)
+        for digest, data in (("0", old), ("1", new))
+    ]
+    for one in found:
+        one["metadata"]["labels"] = {NAME_LABEL: node}
+    before, after = found
+    return [
+        Step("create", ref_of(after), after, None, after),
+        Step("prune", ref_of(before), None, before, None),
+    ]
+
+
+def test_a_file_of_several_nodes_is_shown_once() -> None:
+    """With the nodes that it restarts; a file that one of them has alone is shown with that."""
+    old, new = "speed: 1\n", "speed: 2\n"
+    text = difference(
+        [
+            *files_steps("lidar", {"0.0.a.yaml": old}, {"0.0.a.yaml": new}),
+            *files_steps("map", {"0.0.a.yaml": old}, {"0.0.a.yaml": new}),
+            *files_steps(
+                "nav", {"0.0.b": "x", "1.0.a.yaml": old}, {"0.0.b": "y", "1.0.a.yaml": new}
+            ),
+        ]
+    )
+    assert (text.count("+    speed: 2"), text.count("+  0.0.b: y")) == (1, 1)
+    assert "0.0.a.yaml: the same change restarts map and nav\n" in text
+    assert [line for line in text.splitlines() if line.startswith("+++")] == [
+        "+++ ConfigMap n/lidar-files-1111111111 (Rigelfile)",
+        "+++ ConfigMap n/nav-files-1111111111 (Rigelfile)",
+    ]
 
 
 def test_unknown_kinds_come_before_workloads() -> None:

@@ -7,10 +7,12 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
+from rigel_k8s.release.rollout.causes import Cause, causes, find_last_words, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Patience
-from rigel_k8s.release.rollout.readiness import readiness, readiness_without
+from rigel_k8s.release.rollout.readiness import readiness, readiness_among, readiness_without
+from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.rollout.surroundings import look_around, pods_of
+from tests.support.manifests import ref
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
 OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")
@@ -135,6 +137,56 @@ def test_a_program_that_cannot_be_started_has_one_cause() -> None:
     assert causes(live("Deployment", {}), [pod(**again)], [])[0].kind == "restarted"
 
 
+TRACEBACK = """[INFO] [1.5] [driver]: starting
+Traceback (most recent call last):
+  File "/ws/install/rover/lib/rover/driver", line 33, in <module>
+    sys.exit(load_entry_point('rover', 'console_scripts', 'driver')())
+  File "/ws/install/rover/lib/python3.12/site-packages/rover/driver.py", line 24, in main
+    node.declare_parameter("scale", 1.0)
+  File "/opt/ros/jazzy/lib/python3.12/site-packages/rclpy/node.py", line 584, in _declare
+    raise InvalidParameterTypeException(
+    ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'scale' to 'two'
+[ros2run]: Process exited with failure 1
+"""
+
+
+def test_the_last_words_of_python_are_its_error() -> None:
+    """With the place in the user's own file; also where the log's end begins inside of it."""
+    error = (
+        "rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'scale' to 'two'"
+    )
+    place = "/ws/install/rover/lib/python3.12/site-packages/rover/driver.py:24"
+    assert find_last_words(TRACEBACK) == f"{error}, {place}"
+    assert find_last_words(TRACEBACK[TRACEBACK.index("scale") :]) == error
+    cut = TRACEBACK[: TRACEBACK.index("rclpy.exceptions")]
+    assert find_last_words(cut).startswith("…")
+
+
+@pytest.mark.parametrize("place", ["rmw.sh: 49: exec: ", "rmw.sh: line 49: ", ""])
+def test_a_program_that_does_not_exist_is_named_without_our_script(place: str) -> None:
+    """Each shell words it differently; where our line is helps nobody."""
+    line = (
+        f"/rigel-k8s/{place}/robot/planer.py: not found" if place else "/robot/planer.py: not found"
+    )
+    assert find_last_words(f"{line}\n") == "/robot/planer.py: not found"
+
+
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ("1\nbash: line 1: planner: command not found\n2\n", "planner: command not found"),
+        ("[rosrun] You have chosen a non-unique executable, please pick one:\n1) /b\n2) /a\n#? \n",
+         "non-unique executable, please pick one:"),
+        ("[ERROR] no map\nbye\n[ERROR] no map\n", "[ERROR] no map"),
+        ("[INFO] [1.5]: 0 errors\ndefault\n", "[INFO] [1.5]: 0 errors default"),
+    ],
+)  # fmt: skip
+def test_the_last_words_are_the_errors_among_them(log: str, words: str) -> None:
+    """Whatever was printed around them, and in which order."""
+    assert find_last_words(log).endswith(words)
+
+
 @pytest.mark.parametrize(
     ("status", "kind", "words"),
     [
@@ -256,6 +308,10 @@ def test_the_last_probe_failure_is_the_reason() -> None:
     ]
     assert probe_failure(pod(), events) == "Readiness probe failed: no master"
     assert probe_failure(pod(), []) == ""
+    not_run = "Readiness probe errored and resulted in unknown state: rpc error: code = Unknown"
+    later = event("uid-p", "Unhealthy", not_run, "3")
+    assert probe_failure(pod(), [later, *events]) == "Readiness probe failed: no master"
+    assert probe_failure(pod(), [later]) == not_run
 
 
 def test_the_events_of_a_claim_tell_why_it_has_no_volume() -> None:
@@ -298,6 +354,54 @@ def test_only_pods_of_the_newest_template_count() -> None:
     ]
     found = pods_of(deployment, sets, [pod("old", "rs1"), pod("new", "rs2")])
     assert [p["metadata"]["name"] for p in found] == ["new"]
+
+
+def test_the_pods_of_a_recreate_deployment_are_old_until_its_controller_makes_new_ones() -> None:
+    """It gives the Deployment its next number when the old pods have ended."""
+    number = {"deployment.kubernetes.io/revision": "1"}
+    ours = [{"controller": True, "uid": "u"}]
+
+    def template(image: str, **labels: str) -> dict[str, Any]:
+        return {"template": {"metadata": {"labels": labels}, "spec": {"image": image}}}
+
+    old = template("a", app="x", **{"pod-template-hash": "1"})
+    sets = [live("ReplicaSet", {}, old, uid="rs1", ownerReferences=ours, annotations=number)]
+    crashed = pod("old", "rs1", **container(ended(127)))
+    same = live("Deployment", {}, template("a", app="x"), annotations=number)
+    assert pods_of(same, sets, [crashed]) == [crashed]
+    changed = live("Deployment", {}, template("b", app="x"), annotations=number)
+    assert pods_of(changed, sets, [crashed]) == []
+
+
+def test_a_crash_counts_when_the_controller_has_seen_the_change() -> None:
+    """Until then, what is newest in a StatefulSet's status is the old version."""
+    one = ref("StatefulSet", "x")
+    labels = {"controller-revision-hash": "1"}
+    crashed = pod("x-0", "u", **container(ended(127)))
+    crashed["metadata"]["labels"] = labels
+    around = look_around([], [crashed])
+
+    def look(seen: int) -> list[str]:
+        status = {"observedGeneration": seen, "updateRevision": "1"}
+        there = live("StatefulSet", status)
+        standing = Standing({one: there})
+        standing.rolling.add(one)
+        standing.look({one: there}, around, 1.0)
+        return [cause.kind for _, cause in standing.find_causes()] + [*map(str, standing.unsteady)]
+
+    assert look(1) == []
+    assert look(2) == ["crash", str(one)]
+
+
+def test_an_old_version_that_was_never_ready_does_not_run() -> None:
+    """A Deployment's status counts the ready pods of all versions together."""
+    deployment = live("Deployment", {**FULL, "replicas": 2})
+    ready = {"conditions": [{"type": "Ready", "status": "True"}]}
+    new = pod("new", **ready)
+    state = readiness_among(deployment, [new], [new, pod("old", **container(ended(127)))])
+    assert (state.message, state.old_runs) == ("1 of 1 new pod ready", False)
+    state = readiness_among(deployment, [pod("new")], [pod("new"), pod("old", **ready)])
+    assert state.message == "0 of 1 new pod ready, the old version still runs"
 
 
 def on(node: str, template: str = "2", *, ready: bool = True, **meta: Any) -> dict[str, Any]:

@@ -36,6 +36,12 @@ def test_the_order_of_writes(fake: Any, report: Any) -> None:
     ]
 
 
+def test_a_workload_without_pods_is_not_reported(fake: Any, report: Any) -> None:
+    """Such as a test: that none of its none is ready is no news. What has just ended is shown."""
+    deploy(Desired(RELEASE, (workload(), workload("hears", replicas=0))), fake, report=report)
+    assert {name for name, _, _ in report.states} == {"talker"}
+
+
 def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any) -> None:
     """And one for the revisions, the namespace and the Lease: nothing else."""
     wanted = Desired(RELEASE, (workload(), config("c"), config("d")))
@@ -218,6 +224,9 @@ def test_many_failures_do_not_push_the_last_good_revision_out(fake: Any, report:
     revisions.forget_old(fake, revisions.records(fake, RELEASE))
     left = [record.number for record in revisions.records(fake, RELEASE)]
     assert left == [1, *range(4, 14)]
+    deploy(Desired(RELEASE, (config("b"),)), fake, report=report)
+    rollback(fake, RELEASE, report=report)
+    assert fake.names("ConfigMap") == {"a"}
 
 
 def test_old_revisions_are_forgotten(fake: Any, report: Any) -> None:
@@ -244,7 +253,8 @@ def test_deploys_that_do_not_end_leave_few_revisions(fake: Any, report: Any) -> 
     assert len(found) <= 3 + revisions.LIMIT
     deploy(Desired(RELEASE, (config("c"),)), fake, report=report)
     assert fake.names("ConfigMap") == {"c"}
-    assert len(history(fake, RELEASE)) == revisions.LIMIT
+    assert [r.number for r in history(fake, RELEASE)][:1] == [3]
+    assert len(history(fake, RELEASE)) == revisions.LIMIT + 1
 
 
 def test_a_rollback_that_does_not_end_keeps_its_target(fake: Any, report: Any) -> None:

@@ -82,7 +82,7 @@ def crowd(count: int) -> dict[str, list[dict[str, Any]]]:
     for number in range(count):
         made = workload(f"n{number}")
         above = ""
-        for kind, live in (("Deployment", made), ("ReplicaSet", {}), ("Pod", {"spec": {}})):
+        for kind, live in (("Deployment", made), ("ReplicaSet", made), ("Pod", {"spec": {}})):
             uid = f"{kind}-{number}"
             meta = {"name": uid.lower(), "uid": uid, "annotations": {REVISION: "1"}}
             if above:

@@ -129,6 +129,23 @@ def test_a_failed_update_names_what_still_runs_first(failed: RolloutFailed) -> N
     assert failed.details == ("    last words",)
 
 
+def test_the_old_version_of_a_failed_update_without_a_cause_runs(
+    fake: FakeCluster, report: Any
+) -> None:
+    """A program that runs and is never ready has none."""
+
+    def start(pod: dict[str, Any]) -> dict[str, Any]:
+        ready = pod["spec"]["containers"][0]["image"] == "app:1"
+        return running(pod) if ready else {"phase": "Running", "conditions": [UNREADY]}
+
+    fake.store.controllers = Controllers(start)
+    deploy(desired(rolling("driver", "app:1")), fake, report=report)
+    with pytest.raises(RolloutFailed):
+        deploy(desired(rolling("driver", "app:2")), fake, report=report, timeout=0.5)
+    head = click.unstyle(status_text(status(fake, RELEASE))).split("\n\n")[0]  # type: ignore[arg-type]
+    assert head.endswith("revision 2 (failed); revision 1 still runs")
+
+
 def test_the_status_of_a_failed_update_is_as_good_as_the_robot(
     fake: FakeCluster, failed: RolloutFailed
 ) -> None:
@@ -155,12 +172,70 @@ def test_the_status_of_a_failed_update_is_as_good_as_the_robot(
         ("Startup probe errored and resulted in unknown state: rpc error: code = Unknown desc = "
          "failed to exec in container: container is in CONTAINER_EXITED state", False),
         ("Startup probe errored: exec: no running task found: task 1 not found", False),
+        ('Startup probe errored and resulted in unknown state: failed to exec in container: failed '
+         'to create exec "973aa7": cannot exec in a deleted state', False),
+        ('Startup probe errored and resulted in unknown state: rpc error: code = NotFound desc = '
+         'failed to exec in container: failed to create exec "384b": container not created: '
+         'not found', False),
+        ("Startup probe errored and resulted in unknown state: rpc error: code = Unknown desc = "
+         'failed to exec in container: failed to start exec "384b": ttrpc: closed', False),
+        ("Startup probe errored and resulted in unknown state: no such file: /app/check", True),
+        ("Startup probe failed: ", False),
         ("Startup probe failed: /talker is not registered", True),
     ],
 )  # fmt: skip
 def test_a_probe_of_a_container_that_has_exited_says_nothing(message: str, shown: bool) -> None:  # noqa: FBT001
     event = {"reason": "Unhealthy", "message": message, "involvedObject": {"uid": "u"}}
     assert describe_pod(POD, [event]).message == (message if shown else "")
+
+
+@pytest.mark.parametrize(
+    ("time", "stopped"),
+    [
+        ("2026-01-01T12:00:19Z", True),
+        ("2026-01-01T12:00:00Z", False),  # of the life before, which ended in the same second
+        ("2026-01-01T12:00:30Z", False),  # of this life
+    ],
+)
+def test_what_the_liveness_probe_reported_explains_a_restart(time: str, stopped: bool) -> None:  # noqa: FBT001
+    """If it failed in the life that ended last: no other line repeats it."""
+    life = {"startedAt": "2026-01-01T12:00:00Z", "finishedAt": "2026-01-01T12:00:20Z"}
+    container = {"name": "c", "state": {"running": {}}, "lastState": {"terminated": life}}
+    pod = {**POD, "status": {**POD["status"], "containerStatuses": [container]}}
+    about = {"uid": "u", "fieldPath": "spec.containers{c}"}
+    message = "Liveness probe failed: /lidar has published nothing\n"
+    event = {"reason": "Unhealthy", "message": message, "involvedObject": about}
+    found = describe_pod(pod, [{**event, "lastTimestamp": time}])
+    assert found.stopped == (life["finishedAt"] if stopped else "")
+    assert found.not_alive == ("/lidar has published nothing" if stopped else "")
+    assert ("published nothing" in found.message) is not stopped
+
+
+@pytest.mark.parametrize("ready", [True, False])
+def test_the_last_crash_of_a_pod_that_is_ready_is_known(ready: bool) -> None:  # noqa: FBT001
+    """Of one that is not ready it is the cause."""
+    life = {"finishedAt": "2026-01-01T12:00:20Z", "exitCode": 1, "message": "RuntimeError: boom"}
+    last = {"terminated": life}
+    container = {"name": "c", "ready": ready, "state": {"running": {}}, "lastState": last}
+    pod = {**POD, "status": {**POD["status"], "containerStatuses": [container]}}
+    found = describe_pod(pod, [])
+    assert (found.crashed, found.crash) == (
+        ("2026-01-01T12:00:20Z", "container c exited with code 1 (RuntimeError: boom)")
+        if ready
+        else ("", "")
+    )
+
+
+def test_a_probe_that_could_not_run_is_no_news_where_the_cause_is_known() -> None:
+    """Its container had just ended; the runtime's words for that are long."""
+    ended = {"exitCode": 1, "reason": "Error", "message": "RuntimeError: boom"}
+    container = {"name": "c", "ready": False, "state": {"terminated": ended}}
+    pod = {**POD, "status": {**POD["status"], "containerStatuses": [container]}}
+    text = "Startup probe errored and resulted in unknown state: rpc error: setns process"
+    event = {"reason": "Unhealthy", "message": text, "involvedObject": {"uid": "u"}}
+    assert (
+        describe_pod(pod, [event]).message == "container c exited with code 1 (RuntimeError: boom)"
+    )
 
 
 def test_drift_is_a_line_of_the_status(fake: FakeCluster, report: Any) -> None:

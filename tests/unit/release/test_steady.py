@@ -87,6 +87,48 @@ def test_a_workload_that_crashes_is_told_with_its_last_words(
     assert report.warnings == []
 
 
+def test_a_crash_is_shown_once_whatever_its_last_words(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They may have another order after each restart of the container."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    count = itertools.count()
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        status = crash_status(pod)
+        for container in status["containerStatuses"]:
+            container["lastState"]["terminated"]["message"] = f"pick {next(count)}"
+        return status
+
+    fake.store.controllers = Controllers(kubelet)
+    hasty = Patience(crash=0.4, crash_limit=0.4)
+    with pytest.raises(RolloutFailed):
+        deploy(desired(workload()), fake, report=report, patience=hasty, timeout=30)
+    assert len([text for _, text, _ in report.states if "exited" in text]) == 1
+
+
+@pytest.mark.parametrize("key", ["command", "args"])
+def test_a_command_that_does_not_find_ros_has_its_hint(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    """The image's ENTRYPOINT loads ROS, and `command` takes its place."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        status = crash_status(pod)
+        ended = status["containerStatuses"][0]["lastState"]["terminated"]
+        ended["message"] = "ModuleNotFoundError: No module named 'rospy'"
+        return status
+
+    fake.store.controllers = Controllers(kubelet)
+    node = workload()
+    node["spec"]["template"]["spec"]["containers"][0][key] = ["python3", "talker.py"]
+    hasty = Patience(crash=0.1, crash_limit=0.2)
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(desired(node), fake, report=report, patience=hasty, timeout=30)
+    assert ("use `args`" in str(caught.value.hint)) is (key == "command")
+
+
 def test_a_wait_for_what_was_refused_to_look_at_ends(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

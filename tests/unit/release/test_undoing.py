@@ -10,6 +10,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.rollback import find_target
+from rigel_k8s.release.status import RolledBack, status
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired
 from tests.support.releases import deploy, rollback, undo
@@ -49,6 +50,9 @@ def test_a_rollback_that_fails_is_part_of_the_error(fake: FakeCluster, report: A
     error = go_back(Away(fake.store), report, 1)
     assert "cannot be rolled back to revision 1: the cluster does not answer" in error.message
     assert "`rigel rollback` tries again" in (error.hint or "")
+    error = go_back(Away(fake.store), report, 1, names_release=True)
+    command = f"rigel rollback --release {RELEASE.name} -n {RELEASE.namespace}"
+    assert f"`{command}` tries again" in (error.hint or "")
 
 
 def test_a_number_wins_over_a_rollback_that_was_interrupted(fake: FakeCluster, report: Any) -> None:
@@ -86,3 +90,27 @@ def test_an_interruption_is_not_a_failed_rollback(fake: FakeCluster, report: Any
     with pytest.raises(Interrupted):
         go_back(fake, report, 1, cancel=cancel)
     assert report.warnings[1:] == ["talker did not become ready\nits log"]
+
+
+@pytest.mark.parametrize(
+    ("detail", "cause"),
+    [("/scan: rate 3/s", "the graph is worse; /scan: rate 3/s"), ("    log", "the graph is worse")],
+)
+def test_status_shows_what_was_rolled_back(
+    fake: FakeCluster, report: Any, detail: str, cause: str
+) -> None:
+    """With its cause but no log, until a newer revision is good; not what a user has undone."""
+
+    def verify() -> None:
+        raise RolloutFailed("the graph is worse", details=[detail, "more"])
+
+    deploy(desired(config(k="1")), fake, report=report)
+    with pytest.raises(RolloutFailed):
+        deploy(desired(config(k="2")), fake, report=report, verify=verify)
+    assert status(fake, RELEASE).rolled_back is None  # type: ignore[arg-type]
+    rollback(fake, RELEASE, 1, report=report)
+    assert status(fake, RELEASE).rolled_back == RolledBack(2, 1, cause)  # type: ignore[arg-type]
+    deploy(desired(config(k="3")), fake, report=report)
+    assert status(fake, RELEASE).rolled_back is None  # type: ignore[arg-type]
+    rollback(fake, RELEASE, 1, report=report)
+    assert status(fake, RELEASE).rolled_back is None  # type: ignore[arg-type]

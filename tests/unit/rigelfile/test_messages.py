@@ -12,7 +12,15 @@ from typing import Any
 import pytest
 
 from rigel_k8s.jobs import registry
-from rigel_k8s.rigelfile import CheckResult, Finding, Source, Span, check_file, render
+from rigel_k8s.rigelfile import (
+    CheckResult,
+    Finding,
+    Source,
+    Span,
+    check_file,
+    find_nearest,
+    render,
+)
 
 HERE = Path(__file__).parent
 ENVIRON = {"REGISTRY": "localhost:5000", "WORD": "ten", "BASE_IMAGE": "ros:noetic"}
@@ -85,3 +93,8 @@ def test_a_long_line_is_cut_around_the_caret(before: int, width: int) -> None:
     assert (shown[marked], caret[marked]) == ("wrong", "^~~~~")
     assert shown.startswith("1 | ...") is (before > width)
     assert shown.endswith("...") is (4995 - before > width)
+
+
+def test_of_equally_similar_names_the_one_that_begins_alike_is_meant() -> None:
+    assert find_nearest("moter", ["other", "motor"]) == "motor"
+    assert find_nearest("moter", ["motor", "other"]) == "motor"

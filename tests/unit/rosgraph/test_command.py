@@ -11,6 +11,7 @@ import attrs
 import pytest
 
 from rigel_k8s.cli import main
+from rigel_k8s.commands import expect
 from rigel_k8s.commands import rosgraph as actions
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import UserError
@@ -18,7 +19,7 @@ from rigel_k8s.observability.reading.prometheus import Sample
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import reading
-from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.rosgraph import ros_graph
 
@@ -161,6 +162,22 @@ def test_a_files_name_says_its_form(
     main.run(["graph", "--to", str(tmp_path / name)], "rigel")
     assert (tmp_path / name).read_text().startswith(begin)
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_layout_prefers_the_expected_topics(
+    found: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file's suffix does not show that it is one; other forms do not read what is expected."""
+    cameras = (GraphTopic(f"/c{n}", "sensor_msgs/msg/Image", ("/a",)) for n in range(5))
+    found[:] = [live(RosGraph(topics=tuple(cameras)))]
+    file, read = tmp_path / "layout.json", []
+    monkeypatch.setattr(expect, "name_expected", lambda *_: read.append(1) or ("/c4",))
+    assert main.run(["graph", "-o", "foxglove", "--to", str(file)], "rigel") == 0
+    panels = json.loads(file.read_text())["configById"]
+    assert panels["Image!1"] == {"imageMode": {"imageTopic": "/c4"}}
+    assert main.run(["graph", "--to", str(file)], "rigel") == 0
+    assert json.loads(file.read_text())["ok"] is True
+    assert read == [1]
 
 
 @pytest.mark.programs

@@ -93,6 +93,20 @@ def test_another_node_may_take_a_topic_over() -> None:
     assert worse(before, graph("/a", "/b", topics={"/t": ("/b", "/a")})) == []
 
 
+def test_a_corrected_name_of_a_topic_is_no_loss() -> None:
+    """No one has published the wrong one. A publisher that no one heard is still missed."""
+    before = graph(
+        "/lidar", "/planner", topics={"/scam": ("", "/planner"), "/scan": ("/lidar", "")}
+    )
+    after = graph("/lidar", "/planner", topics={"/scan": ("/lidar", "/planner")})
+    assert changed(before, after) == ["/scam has no subscriber now, it had no publisher"]
+    unheard = graph("/lidar", topics={"/scam": ("/lidar", "")})
+    assert worse(unheard, graph("/lidar")) == ["/scam had 1 publisher, now 0"]
+    fewer = graph("/a", "/b", topics={"/scam": ("", "/a /b")})
+    after = graph("/a", "/b", topics={"/scam": ("", "/b")})
+    assert worse(fewer, after) == ["/scam had 2 subscribers, now 1"]
+
+
 def test_a_missing_node_is_named_and_so_are_its_topics() -> None:
     """What each node has, its log say, is not worth a line."""
     after = graph("/planner", topics={"/scan": ("", "/planner"), "/rosout": ("/planner", "")})
@@ -301,6 +315,8 @@ def test_the_pods_name_in_a_nodes_is_no_part_of_it() -> None:
         ("/robot/_hidden", True),
         ("/launch_ros_7", True),
         ("/ros_exporter", True),
+        ("/robot/foxglove", True),
+        ("/foxglove_camera", False),
         ("/record", False),
         ("/rviz", False),
         ("/rosbridge_websocket", False),

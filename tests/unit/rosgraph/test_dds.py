@@ -15,9 +15,10 @@ from rigel_exporter.dds_discovery import ENDPOINTS
 from rigel_exporter.dds_graph import describe
 from rigel_exporter.dds_participant import Participant
 from rigel_inpod.spdp import Announcement
+from rigel_k8s.discovery import inside
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.rosgraph import dds, inside
+from rigel_k8s.rosgraph import dds
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch
 from tests.support.ddspeer import peer, some_domain
@@ -63,8 +64,8 @@ def test_rclpys_endpoints_are_those_of_its_node(name: str) -> None:
 def test_the_modules_travel_and_join_a_domain(version: str) -> None:
     """In a Python that has none of this package, from the oldest that is promised on."""
     python = sys.executable if version == "3" else find_python(version)
-    modules = [(name, "") for name in dds.PACKAGES]
-    modules += [(name, inside.read_module(name)) for name in dds.MODULES]
+    modules = [(name, "") for name in inside.PACKAGES]
+    modules += [(name, inside.read_module(name)) for name in inside.MODULES]
     domain = some_domain() + 1
     config = {"domain": domain, "mode": "peers", "interface": "lo", "peers": ["127.0.0.1"]}
     answers: list[Any] = []
@@ -121,9 +122,9 @@ def test_the_way_into_discovery_is_that_of_the_nodes() -> None:
     """As their pods' annotations say: interface, peers or servers."""
     peers = attrs.evolve(TALKER, mode="peers", interface=None)
     servers = attrs.evolve(TALKER, mode="discovery-server", interface=None, servers=("a:11811",))
-    assert dds.configure([TALKER], 3) == {"domain": 3, "mode": "multicast", "interface": "net1"}
-    assert dds.configure([peers], 3) == {"domain": 3, "mode": "peers", "peers": ["talker-peer"]}
-    assert dds.configure([servers], 3) == {
+    assert inside.configure([TALKER], 3) == {"domain": 3, "mode": "multicast", "interface": "net1"}
+    assert inside.configure([peers], 3) == {"domain": 3, "mode": "peers", "peers": ["talker-peer"]}
+    assert inside.configure([servers], 3) == {
         "domain": 3,
         "mode": "discovery-server",
         "servers": ["a:11811"],
@@ -142,6 +143,8 @@ def test_the_exporters_pod_is_tried_first() -> None:
 @pytest.mark.programs
 def test_zenoh_and_old_pythons_have_a_way_out() -> None:
     cluster: Any = LocalCluster(PATH="/nothing")
+    with pytest.raises(ClusterError, match="none of its nodes uses ROS or DDS"):
+        dds.read(cluster, [], [])
     zenoh = attrs.evolve(TALKER, middleware="zenoh")
     with pytest.raises(ClusterError, match="zenoh") as caught:
         dds.read(cluster, [], [zenoh])

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import attrs
+import pytest
 
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
@@ -165,6 +166,14 @@ def test_topics_without_publishers_and_types_that_differ_are_named() -> None:
         ("type", "/b uses /scan as T, the others as S", True),
         ("no-publisher", "/goal has no publisher; subscribed by /a, /b, /c, ...", False),
     ]
+
+
+@pytest.mark.parametrize(("kind", "meant"), [("S", True), ("T", False), ("", True)])
+def test_a_similar_topic_of_the_same_type_is_probably_meant(kind: str, meant: bool) -> None:  # noqa: FBT001
+    """ROS 1 does not know the type of a topic without a publisher."""
+    topics = (GraphTopic("/scan", "S", ("/a",)), GraphTopic("/scna", kind, subscribers=("/b",)))
+    (problem,) = find_problems(RosGraph((), topics))
+    assert problem.remedy == ("is /scan meant, which is published?" if meant else "")
 
 
 def test_graphs_are_equal_whatever_differs_after_each_restart() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from rigel_k8s.rosgraph.drawing import make_picture
 from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
+from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
 from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
 from tests.support.page import node
 
@@ -52,6 +52,24 @@ def test_a_box_is_where_its_pod_is_now() -> None:
     )
 
 
+def test_roscore_has_no_box() -> None:
+    """It is in no connection of the graph; the list of nodes has it."""
+    log = GraphNode("/rosout", "robot", "ros-master-1", "ros-master")
+    found = boxes([node("/talker"), node("ros-master", helper=True)], RosGraph((TALKER, log)))
+    assert list(found) == ["box//talker"]
+
+
+def test_a_box_has_the_services_of_its_node() -> None:
+    """But not those that each node has, nor hidden ones."""
+    names = ("/talker/get_parameters", "/plan", "/go/_action/send_goal", "/other")
+    services = [
+        GraphService(name, "a/srv/B", ("/x",) if name == "/other" else ("/talker",))
+        for name in names
+    ]
+    found = boxes([node("/talker")], RosGraph((TALKER,), services=tuple(services)))
+    assert found["box//talker"]["services"] == [{"name": "/plan", "type": "a/srv/B"}]
+
+
 def test_a_removed_node_has_no_box() -> None:
     """Even if the graph that was read last has it."""
     assert "box//talker" not in boxes([node("/listener")], RosGraph((TALKER, LISTENER)))
@@ -84,6 +102,8 @@ def test_a_node_that_is_away_keeps_its_topics() -> None:
         again = keep_lost(during, make_topics(left, draw(left)), {"/talker"})
         assert again == during
         assert keep_lost(during, before, set()) == before
+        if not left.topics:
+            assert kept["rate"] == "", "nothing is sent any more"
         gone = keep_lost(during, make_topics(left, draw(left)), set())
         assert "/talker" not in gone.get("topic//chatter", {"from": []})["from"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -344,6 +345,21 @@ def test_a_crashed_node_stays_in_the_graph_with_its_topics(scene: Scene) -> None
     scene.until(lambda: scene.feed.get("topic//chatter")["lost"] == ["talker"], "the lost end")
     assert scene.feed.get("topic//chatter")["from"] == ["talker"]
     assert scene.feed.get("box/talker")["machine"] == "node1"
+
+
+def test_rates_are_kept_for_new_pages(scene: Scene) -> None:
+    """Each reading of the graph adds one; a reading that fails is a gap."""
+    talker = GraphNode("talker", "node1", "talker-1", "talker")
+    scene.graph = RosGraph((talker,), (GraphTopic("/chatter", "", ("talker",), rate=10.0),))
+    scene.deploy(workload())
+    scene.start()
+    first = scene.until(lambda: scene.feed.list_group("rates"), "the rates")
+    scene.graph = ClusterError("the graph cannot be read")
+    scene.play(crash_status)
+    scene.until(lambda: len(scene.feed.list_group("rates")) > len(first), "another reading")
+    found = [one["of"] for one in json.loads(scene.feed.write_all())["all"].values() if "of" in one]
+    assert found[0] == {"/chatter": 10.0}
+    assert found[-1] == {}
 
 
 def test_a_graph_that_cannot_be_read_is_no_outage(scene: Scene) -> None:

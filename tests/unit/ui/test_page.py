@@ -10,11 +10,13 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands.logs.lines import LogLine
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.release.types import Revision
+from rigel_k8s.ui.nodes import STATES
 from tests.support.axe import find_violations
 from tests.support.browser import Browser, Tab, find_program, run_browser
 from tests.support.manifests import RELEASE
-from tests.support.page import Served, fill, node, serve_page, topic
+from tests.support.page import Served, fill, measure, node, serve_page, topic
 
 WIDE, NARROW = (1440, 900), (390, 800)
 SMALLEST = 11.5  # pixels of a text that is read without effort
@@ -39,6 +41,8 @@ PLACES = """Object.fromEntries([...document.querySelectorAll('.box')].map((box) 
   const r = box.querySelector('rect').getBoundingClientRect();
   return [box.dataset.box, [r.left, r.top, r.right, r.bottom]];
 }))"""
+START = 1_800_000_000.0  # of rates, in seconds since 1970
+TITLE = "document.querySelector('#details-title').textContent"
 
 
 @pytest.fixture(scope="module")
@@ -211,6 +215,17 @@ def test_pointing_fades_no_state_that_needs_a_look(tab: Tab) -> None:
     assert faded == ["/lidar"]
 
 
+def test_the_list_has_room_for_causes(tab: Tab) -> None:
+    """Images are in the cards only: they are long, and the same in most rows."""
+    columns = "[...document.querySelectorAll('thead th')]"
+    names = tab.read(f"{columns}.map((column) => column.textContent)")
+    assert names == ["State", "Node", "Machine", "Ready", "Restarts", "Cause"]
+    *others, cause = tab.read(f"{columns}.map((column) => column.clientWidth)")
+    assert cause > 2 * max(others)
+    click(tab, "[data-box='/imu']")
+    assert "registry.example/robot:1.4" in tab.read("document.querySelector('#details').innerText")
+
+
 def test_a_line_of_the_log_has_its_time_once(browser: Browser) -> None:
     """ROS writes it into the text as well, which is left out."""
     texts = {
@@ -238,15 +253,213 @@ def test_a_line_of_the_log_has_its_time_once(browser: Browser) -> None:
 
 
 @pytest.mark.parametrize("size", [WIDE, NARROW])
-def test_a_rollout_moves_nothing(browser: Browser, served: Served, size: tuple[int, int]) -> None:
-    """Its bar has room before it begins: a box stays under the pointer."""
-    tab = show(browser, served, size)
-    before = tab.read(PLACES)
-    whole = {**served.feed.get("release"), "status": "pending", "changing": "a@b, process 1"}
-    served.feed.publish("release", {"release": whole})
-    tab.wait("!document.querySelector('#rollout').hidden", "the roll-out")
-    assert tab.read(PLACES) == before
-    tab.close()
+def test_the_head_moves_nothing(browser: Browser, size: tuple[int, int]) -> None:
+    """A box stays under the pointer while a roll-out, more states, a loss or a rollback begins."""
+    with serve_page() as served:
+        fill(served.feed, [node("/lidar")])
+        tab = show(browser, served, size)
+        before = tab.read(PLACES)
+        counts = dict.fromkeys(STATES, 10)
+        whole = {**served.feed.get("release"), "status": "pending", "changing": "a@b, process 1"}
+        served.feed.publish("release", {"release": {**whole, "counts": counts}})
+        away = {**served.feed.get("cluster"), "message": "the cluster does not answer"}
+        served.feed.publish("cluster", {"cluster": away})
+        lines = {"to": 1, "state": "failed", "message": "it failed", "lines": ["one", "two"]}
+        served.feed.publish("change", {"change": lines})
+        tab.wait("!document.querySelector('#change').hidden", "the rollback")
+        tab.wait("!document.querySelector('#rollout').hidden", "the roll-out")
+        assert tab.read(PLACES) == before
+        cut = """(part => part.scrollWidth > part.clientWidth)(document.querySelector('#counts'))"""
+        assert not tab.read(cut), "shapes and numbers have room where words have none"
+        assert [p["name"] for p in tab.tree() if p["name"] == "machine unreachable"]
+        banner = "document.querySelector('#banner').getBoundingClientRect()"
+        assert tab.read(f"{banner}.bottom <= innerHeight && {banner}.height > 0"), "it is in sight"
+        tab.close()
+
+
+def test_a_topic_has_a_card_with_its_rate(browser: Browser, tab: Tab, served: Served) -> None:
+    """Gaps are gaps: a reading without a rate, and a time without a reading; a new page has it.
+
+    Readings that take long are no gap.
+    """
+    times = [0.0, 80.0, 110.0, 140.0, 170.0, 200.0, 350.0]
+    rates = [10.0, 9.5, None, 4.0, None, 10.0, 10.0]
+    old = {START - 900: 99.0}  # before the plot begins
+    measure(served.feed, "/scan", old | dict(zip([START + t for t in times], rates, strict=True)))
+    click(tab, "[data-topic='/scan']")
+    later = browser.open()
+    later.go(tab.read("location.href"))
+    for page in (tab, later):
+        page.wait(f"{TITLE} === '/scan'", "the card")
+        page.wait("document.querySelector('.plot')", "the plot")
+        runs = page.read(
+            "[...document.querySelectorAll('.plot polyline')]"
+            ".map((line) => [...line.points].map((point) => [point.x, point.y]))"
+        )
+        assert [len(run) for run in runs] == [2, 1, 1, 1]
+        [high, lower], [lowest], _, [newest] = runs
+        assert high[1] < lower[1] < lowest[1], "y grows downwards"
+        assert high[0] < lower[0] < lowest[0] < newest[0]
+        assert page.read("document.querySelectorAll('.plot circle').length") == 5
+        label = page.read("document.querySelector('.plot').getAttribute('aria-label')")
+        assert label.endswith(": 4.0/s to 10.0/s, with 3 gaps")
+        card = page.read("document.querySelector('#details').innerText")
+        for words in ("std_msgs/msg/String", "/lidar", "/slam", "/planner"):
+            assert words in card
+    later.close()
+
+
+def test_a_topic_without_a_rate_has_no_plot(tab: Tab, served: Served) -> None:
+    """And the one that was chosen may leave the graph."""
+    click(tab, "[data-topic='/scan']")
+    tab.wait("document.querySelector('#details .note')", "a note")
+    assert "No rate has been measured in the last minutes." in tab.text()
+    fill(served.feed, ROBOT, TOPICS[1:])
+    tab.wait(
+        "document.querySelector('#details').innerText.includes('not in the ROS graph')", "its end"
+    )
+
+
+def test_cards_lead_to_each_other_by_keys(tab: Tab, served: Served) -> None:
+    """From a node to its topic, and to the subscriber; the focus follows, and readings keep it."""
+    tab.read("document.querySelector('[data-box=\"/lidar\"]').focus()")
+    tab.press("Enter")
+    tab.wait(f"{TITLE} === '/lidar'", "the node")
+    tab.read("document.querySelector('#details [data-keep=\"topic /scan\"]').focus()")
+    tab.press("Enter")
+    assert (tab.read(TITLE), focused(tab)) == ("/scan", "details-title")
+    assert tab.read("document.querySelector('.topic.chosen').dataset.topic") == "/scan"
+    tab.press("Tab", "Tab")
+    assert focused(tab) == "/slam"
+    measure(served.feed, "/scan", {START: 1.0})
+    tab.wait("document.querySelector('.plot')", "the plot")
+    assert focused(tab) == "/slam"
+    tab.press("Enter")
+    assert (tab.read(TITLE), focused(tab)) == ("/slam", "details-title")
+    assert tab.read("document.querySelectorAll('.topic.chosen').length") == 0
+
+
+def test_a_node_has_services_and_commands_to_copy(tab: Tab, served: Served) -> None:
+    """What is copied is the command."""
+    box = served.feed.get("box//lidar")
+    boxes = served.feed.list_group("box")
+    services = [{"name": "/reset", "type": "std_srvs/srv/Empty"}]
+    served.feed.publish("box", boxes | {"box//lidar": {**box, "services": services}})
+    click(tab, "[data-box='/lidar']")
+    tab.wait(
+        "document.querySelector('#details').innerText.includes('/reset std_srvs/srv/Empty')",
+        "the service",
+    )
+    tab.read("navigator.clipboard.writeText = async (text) => { window.copied = text; }")
+    for words in ("rigel exec -it lidar -- bash", "rigel logs -f lidar"):
+        click(tab, f"[aria-label='Copy {words}']")
+        tab.wait(f"window.copied === '{words}'", "the command")
+    click(tab, "[data-topic='/scan']")
+    click(tab, "[aria-label='Copy rigel topic echo /scan']")
+    tab.wait("window.copied === 'rigel topic echo /scan'", "the command")
+
+
+NOTE = "document.querySelector('#readings .note').textContent"
+
+
+class Ros:
+    """Messages and parameters that are read when a test allows it."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.allowed = threading.Semaphore(0)
+        self.failure: ClusterError | None = None
+
+    def read_message(self, name: str) -> dict[str, Any]:
+        self.asked.append(name)
+        self.allowed.acquire(timeout=60)
+        if self.failure:
+            raise self.failure
+        text = "\n".join([f"data: {len(self.asked)} <b>", *map("- {}".format, range(100))])
+        return {"text": text, "shortened": True}
+
+    def read_parameters(self, name: str) -> dict[str, Any]:
+        self.asked.append(name)
+        url = "http://localhost/" + "x" * 300
+        return {"rows": [] if name == "/spare" else [["rate", "2.5"], ["url", f"'{url}'"]]}
+
+    @property
+    def kinds(self) -> Any:
+        return {"message": self.read_message, "parameters": self.read_parameters}
+
+
+def test_a_message_is_read_when_it_is_asked_for(browser: Browser) -> None:
+    """Once for each press; the next one replaces it, and nothing moves or loses its place."""
+    ros = Ros()
+    with serve_page(kinds=ros.kinds) as served:
+        fill(served.feed, ROBOT, TOPICS)
+        tab = show(browser, served)
+        click(tab, "[data-topic='/scan']")
+        tab.read("document.querySelector('#readings button').focus()")
+        place = "document.querySelector('#readings button').getBoundingClientRect().top"
+        before = tab.read(place)
+        assert ros.asked == []
+        for number in (1, 2):
+            tab.press("Enter", "Enter")  # the second one while it is read
+            tab.wait(f"{NOTE} === 'reading…'", "the state")
+            ros.allowed.release()
+            tab.wait(f"{NOTE}.startsWith('read at ')", "the message")
+            text = tab.read("document.querySelector('#readings .area').textContent")
+            assert text.startswith(f"data: {number} <b>\n- 0\n")
+            assert tab.read("document.querySelectorAll('#readings .area').length") == 1
+            assert (focused(tab), tab.read(place)) == ("Show a message", before)
+        assert ros.asked == ["/scan", "/scan"]
+        assert "Long arrays and texts are shortened." in tab.text()
+        said = tab.read("document.querySelector('#announcer').textContent")
+        assert said.startswith("message of /scan: read at ")
+        tab.read("document.querySelector('#readings .area').scrollTop = 100")
+        measure(served.feed, "/scan", {START: 1.0})
+        tab.wait("document.querySelector('.plot')", "another card")
+        assert tab.read("document.querySelector('#readings .area').scrollTop") == 100
+        assert focused(tab) == "Show a message"
+        ros.failure = ClusterError("no message came within 20 s", hint="wait longer")
+        ros.allowed.release()
+        tab.press("Enter")
+        tab.wait(f"{NOTE} === 'failed'", "the failure")
+        card = tab.read("document.querySelector('#readings').innerText")
+        assert card.split("\n")[-2:] == ["no message came within 20 s", "wait longer"]
+        assert tab.read("document.querySelector('#readings .area')") is None
+        assert tab.complaints() == []
+        tab.close()
+
+
+def test_the_parameters_of_a_node_are_a_table(browser: Browser) -> None:
+    """Of several nodes in one pod each has its own."""
+    ros = Ros()
+    with serve_page(kinds=ros.kinds) as served:
+        fill(served.feed, ROBOT, TOPICS)
+        boxes = served.feed.list_group("box")
+        one, other = boxes["box//imu"], {**boxes["box//imu"], "name": "/imu2"}
+        served.feed.publish("box", boxes | {"box//imu": one, "box//imu2": other})
+        tab = show(browser, served)
+        click(tab, "[data-box='/lidar']")
+        click(tab, "#readings button")
+        tab.wait("document.querySelector('#readings table')", "the table")
+        cells = "[...document.querySelectorAll('#readings tr')].map((row) =>"
+        cells += " [...row.children].map((cell) => cell.textContent.slice(0, 20)))"
+        rows = [["Name", "Value"], ["rate", "2.5"], ["url", "'http://localhost/xx"]]
+        assert tab.read(cells) == rows
+        wide = "(e => e.scrollWidth > e.clientWidth)(document.querySelector('#readings .area'))"
+        assert not tab.read(wide), "a long value has several lines"
+        click(tab, "[data-box='/spare']")
+        tab.wait(f"{NOTE} === ''", "another card")
+        click(tab, "#readings button")
+        tab.wait("document.querySelector('#readings').innerText.includes('has no')", "none")
+        click(tab, "[data-box='/imu']")
+        words = "[...document.querySelectorAll('#readings button')].map((b) => b.textContent)"
+        assert tab.read(words) == ["Show parameters of /imu", "Show parameters of /imu2"]
+        click(tab, "#readings div:last-child button")
+        tab.wait("document.querySelectorAll('#readings table').length === 1", "the other's")
+        assert ros.asked == ["/lidar", "/spare", "/imu2"]
+        click(tab, "[data-box='/lidar']")
+        assert tab.read(cells) == rows, "the card has kept what was read"
+        assert tab.complaints() == []
+        tab.close()
 
 
 def test_a_rollout_shows_its_progress(tab: Tab, served: Served) -> None:
@@ -265,7 +478,8 @@ def test_a_rollout_shows_its_progress(tab: Tab, served: Served) -> None:
 def test_hostile_texts_are_shown_as_texts(browser: Browser) -> None:
     """Whatever a cluster says, nothing of it becomes a part of the page."""
     bad = "<img src=x onerror='document.title=1'><script>document.title=2</script>\"'&amp;"
-    with serve_page(lambda name, cancel: iter([LogLine("w", "p", bad)])) as served:
+    kinds: Any = {"message": lambda name: {"text": name + bad, "shortened": False}}
+    with serve_page(lambda name, cancel: iter([LogLine("w", "p", bad)]), kinds=kinds) as served:
         hostile = node(f"/{bad}", "crashed", bad, bad, workload="w", remedy=bad, image=bad)
         fill(served.feed, [hostile], [topic(f"/t{bad}", [f"/{bad}"], [])])
         served.feed.publish("problems", {"problems": [{"message": bad, "severity": "error"}]})
@@ -278,6 +492,13 @@ def test_hostile_texts_are_shown_as_texts(browser: Browser) -> None:
         click(tab, ".box")
         tab.wait("document.querySelector('#log').textContent", "the log")
         assert tab.text().count(bad) >= 7
+        click(tab, ".topic")
+        tab.wait(f"{TITLE}.startsWith('/t<img')", "the card of the topic")
+        assert "rigel topic" not in tab.text(), "a shell would interpret this name"
+        click(tab, "#readings button")
+        tab.wait("document.querySelector('#readings .area')", "the message")
+        read = tab.read("document.querySelector('#readings .area').textContent")
+        assert read == f"/t{bad}{bad}"
         assert tab.read("document.querySelectorAll('img, script:not([src])').length") == 0
         assert not tab.read("document.title").isdigit()
         assert tab.complaints() == []
@@ -437,17 +658,20 @@ def test_the_keyboard_reaches_everything(tab: Tab) -> None:
         tab.press("Tab")
         order.append(focused(tab))
     assert order == ["find", "zoom-out", "zoom-fit", "zoom-in", "graph", "/arm"]
-    places = tab.read(PLACES)
-    visited = {"/arm"}
+    place = (
+        "(r => [r.left, r.top])"
+        "(document.activeElement.querySelector('rect').getBoundingClientRect())"
+    )
+    visited = set()
     for key in ("Home", "ArrowRight", "ArrowDown", "ArrowDown", "ArrowLeft", "ArrowUp", "End"):
-        before = focused(tab)
+        before, left = tab.read(place), tab.read("document.activeElement.dataset.item")
         tab.press(key)
-        now = focused(tab)
-        visited.add(now)
-        if key == "ArrowDown" and now != before:
-            assert places[now][1] > places[before][1]
+        now = tab.read("document.activeElement.dataset.item")
+        visited.add(now.partition(" ")[0])
+        if key == "ArrowDown" and now != left:
+            assert tab.read(place)[1] > before[1]
     assert focused(tab) == "/spare"
-    assert len(visited) > 3
+    assert visited == {"node", "topic"}
     tab.press("Enter")
     tab.wait("document.querySelector('#details-title').textContent === '/spare'", "the details")
     assert focused(tab) == "/spare"
@@ -471,6 +695,8 @@ def test_a_screen_reader_gets_names_states_and_causes(tab: Tab) -> None:
     assert whole in buttons
     slam = "/slam starting, 0 of 1 ready, on edge, publishes /map, subscribes to /imu/data /scan"
     assert slam in buttons
+    scan = "/scan 10.0/s, topic of type std_msgs/msg/String, from /lidar, to /slam /planner"
+    assert scan in buttons
     headings = [part["name"] for part in parts if part["role"] == "heading"]
     assert headings == ["demo", "ROS graph", "Nodes", "Node", "Log", "History"]
 
@@ -479,8 +705,9 @@ def test_a_screen_reader_gets_names_states_and_causes(tab: Tab) -> None:
 @pytest.mark.parametrize("size", [WIDE, NARROW])
 def test_axe_finds_nothing_serious(browser: Browser, scheme: str, size: tuple[int, int]) -> None:
     """With everything that a page can show: a roll-out, problems, a log, a rollback, a dialog."""
+    ros = Ros()
     with serve_page(
-        read_log, rollback=lambda *_: Revision(RELEASE, 4, "good", "", (), ())
+        read_log, rollback=lambda *_: Revision(RELEASE, 4, "good", "", (), ()), kinds=ros.kinds
     ) as served:
         fill(served.feed, ROBOT, TOPICS, changes=True)
         publish_more(served)
@@ -489,6 +716,17 @@ def test_axe_finds_nothing_serious(browser: Browser, scheme: str, size: tuple[in
         click(tab, "[data-box='/imu']")
         tab.wait("document.querySelectorAll('#log .line').length === 3", "the log")
         tab.wait("!document.querySelector('#change').hidden", "the rollback")
+        click(tab, "#readings button")
+        tab.wait("document.querySelector('#readings table')", "the parameters")
+        assert find_violations(tab) == []
+        measure(served.feed, "/scan", {START: 1.0, START + 30: 2.0})
+        click(tab, "[data-topic='/scan']")
+        tab.wait("document.querySelector('.plot')", "the plot")
+        click(tab, "#readings button")
+        tab.wait(f"{NOTE} === 'reading…'", "the state")
+        assert find_violations(tab) == []
+        ros.allowed.release()
+        tab.wait("document.querySelector('#readings .area')", "the message")
         assert find_violations(tab) == []
         click(tab, "#history button")
         assert find_violations(tab) == []

@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.release.types import Revision
+from rigel_k8s.ui.readings import MOST
 from tests.support.manifests import RELEASE
 from tests.support.page import TOKEN, Served, fill, node, serve_page
 from tests.support.until import until
@@ -275,6 +277,92 @@ def test_a_body_that_is_not_announced_or_too_long_is_not_read(
     """The answer does not wait for it."""
     assert ask_rollback(changeable, content_length=length) == 400
     assert rolled == []
+
+
+# Reading once.
+
+
+@pytest.fixture
+def asked() -> list[str]:
+    """The topics that were read."""
+    return []
+
+
+@pytest.fixture
+def readable(asked: list[str]) -> Iterator[Served]:
+    """A server that writes nothing, and reads messages."""
+
+    def read(name: str) -> dict[str, Any]:
+        asked.append(name)
+        if name == "/silent":
+            raise ClusterError("no message", hint="wait", details=["a cause"])
+        return {"text": "data: 1", "shortened": False}
+
+    with serve_page(kinds={"message": read}) as made:
+        yield made
+
+
+def test_a_page_that_only_reads_may_ask_for_a_message(readable: Served, asked: list[str]) -> None:
+    """A failure is an answer as well, with its details and the hint."""
+    answer = readable.ask(f"/{TOKEN}/message?name=%2Fa%26b")
+    found = json.loads(answer.body)
+    assert (answer.status, answer.headers["content-type"], asked) == (200, JSON, ["/a&b"])
+    assert found.pop("read").endswith("Z")
+    assert found == {"text": "data: 1", "shortened": False}
+    answer = readable.ask(f"/{TOKEN}/message?name=/silent")
+    assert json.loads(answer.body) == {"error": "no message\na cause\nwait"}
+
+
+@pytest.mark.parametrize(
+    ("status", "method", "path", "headers"),
+    [
+        (403, "GET", "/wrong/message?name=/a", {}),
+        (403, "GET", f"/{TOKEN}/message?name=/a", {"origin": "https://attacker.example"}),
+        (421, "GET", f"/{TOKEN}/message?name=/a", {"host": "attacker.example"}),
+        (405, "POST", f"/{TOKEN}/message?name=/a", {}),
+        (404, "HEAD", f"/{TOKEN}/message?name=/a", {}),
+        (404, "GET", f"/{TOKEN}/message?name=", {}),
+        (404, "GET", f"/{TOKEN}/parameters?name=/a", {}),  # this server does not read them
+    ],
+)
+def test_nothing_else_reads(
+    readable: Served, asked: list[str], status: int, method: str, path: str, headers: dict[str, str]
+) -> None:
+    """Each reading starts a program in a pod: no one but the page may do that."""
+    if method == "POST":
+        headers = {"origin": f"http://{readable.host}"}
+    assert readable.ask(path, method, **headers).status == status
+    assert asked == []
+
+
+def test_a_few_readings_at_a_time() -> None:
+    """Pages that ask for more keep neither the pods busy nor the browser's connections."""
+    free, begun = threading.Event(), threading.Semaphore(0)
+
+    def read(name: str) -> dict[str, Any]:
+        begun.release()
+        free.wait(60)
+        return {}
+
+    answers: list[Any] = []
+    with serve_page(kinds={"message": read}) as served:
+
+        def ask() -> None:
+            answers.append(json.loads(served.ask(f"/{TOKEN}/message?name=/a").body))
+
+        threads = [threading.Thread(target=ask) for _ in range(MOST)]
+        for one in threads:
+            one.start()
+        for _ in threads:
+            assert begun.acquire(timeout=20)
+        ask()
+        assert "4 other readings are in progress" in answers[0]["error"]
+        assert served.ask().status == 200
+        free.set()
+        for one in threads:
+            one.join(20)
+        ask()
+    assert [set(one) for one in answers[1:]] == [{"read"}] * (MOST + 1)
 
 
 # What a page gets.

@@ -28,8 +28,9 @@ def board() -> Board:
             Row("The graph now", [(4, panel) for panel in numbers()], height=4),
             Row("Nodes", [(12, nodes_over_time()), (12, nodes())]),
             Row("Topics", [(12, topics()), (12, unpublished())]),
+            Row("Topics as expected", [(24, expected())], height=6),
             Row("Traffic of named topics", [(12, panel) for panel in flow()]),
-            Row("Traffic that ROS 1 nodes count", [(12, panel) for panel in counted()]),
+            Row("Traffic that nodes count", [(12, panel) for panel in counted()]),
             Row("The ROS 1 master", [(12, panel) for panel in master()]),
             Row("Diagnostics, clock and tf", [(8, panel) for panel in on_request()]),
             Row("The exporter", [(12, panel) for panel in exporter()], height=6),
@@ -131,6 +132,23 @@ def nodes() -> Panel:
     )
 
 
+def expected() -> Panel:
+    """Return when each topic was as expected."""
+    return states(
+        "Topics as expected",
+        "What `expect` in the Rigelfile describes. Green: it is so. Red: it is not.",
+        [
+            Query(
+                f"min by ({BY_TOPIC}, expectation) (ros_topic_as_expected{{{TOPIC}}})",
+                "{{topic}} {{expectation}}",
+            )
+        ],
+        names={0: ("broken", "red"), 1: ("as expected", "green")},
+        empty="the Rigelfile expects nothing of topics, or ros_metrics is off",
+        links=APP_LOGS,
+    )
+
+
 def topics() -> Panel:
     """Return each topic with its publishers and subscribers."""
     return table(
@@ -176,7 +194,7 @@ def flow() -> list[Panel]:
     return [
         curves(
             "Rate",
-            "Messages per second that the exporter received.",
+            "Messages per second; in ROS 2 as the nodes that publish count them.",
             [Query(rate.format(BY_TOPIC, "messages", TOPIC), "{{topic}}")],
             unit="suffix: msg/s",
             empty=NAMED,
@@ -187,7 +205,7 @@ def flow() -> list[Panel]:
             "Bytes per second of one subscriber's copy of the messages.",
             [Query(rate.format(BY_TOPIC, "bytes", TOPIC), "{{topic}}")],
             unit="binBps",
-            empty=NAMED,
+            empty=f"{ROS1}, for topics named under ros_metrics.topics",
             links=APP_LOGS,
         ),
         curves(
@@ -219,7 +237,7 @@ def flow() -> list[Panel]:
 
 
 def counted() -> list[Panel]:
-    """Return what ROS 1 nodes report of their connections; this needs no subscription."""
+    """Return what nodes report of what they send; this needs no subscription."""
     rate = "sum by ({}) (rate(ros_node_topic_{}_total{{{}, {}}}[$__rate_interval]))"
     chosen = f'{NODE}, topic=~"$topic"'
     by = "namespace, application, ros_node, topic"
@@ -234,7 +252,7 @@ def counted() -> list[Panel]:
                 )
             ],
             unit="suffix: msg/s",
-            empty=ROS1,
+            empty=OFF,
             links=NODE_LOGS,
         ),
         curves(

@@ -23,10 +23,13 @@ from rigel_k8s.app.checks.commands import check_line
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
+from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, names_of
+from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
 from rigel_k8s.app.networkpolicy import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
+from rigel_k8s.app.recording import find_faults
 from rigel_k8s.app.security import check_security
 from rigel_k8s.app.updating import (
     is_rolling,
@@ -42,6 +45,7 @@ from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path, Problem, Severity
+from rigel_rmw import libraries
 
 SIDECARS = (
     "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
@@ -62,16 +66,25 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_network_policy(options)
     yield from check_names(options, ros, distro)
     yield from check_volumes(options)
+    yield from check_pods(options, ros)
     yield from check_hand_over(options, ros, distro)
     yield from check_readiness(("readiness",), options.readiness)
+    if isinstance(options.readiness, Readiness) and options.readiness.rates:
+        message = "rates are those of a node: set `readiness: {rates: ...}` at one of `nodes`"
+        yield Problem(("readiness", "rates"), message, "no-application", at_key=True)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
     yield from check_rollback(options, ros)
+    yield from check_expectations(options, ros)
+    if options.update and not (ros.rmw and options.rmw_layer):
+        message = "only nodes of ROS 2 with `rmw_layer` count their goals: remove it"
+        yield Problem(("update",), message, "not-measured", at_key=True)
     params = options.additional_k8s_params
     yield from check_patch(("additional_k8s_params", "ros_master"), params.ros_master)
     yield from check_patch(("additional_k8s_params", "application"), params.application)
     yield from check_application_only(options)
     yield from check_containers(options, ros)
     yield from check_observability(options, ros)
+    yield from check_faults(options, ros)
     for key, node in options.nodes.items():
         path = ("nodes", str(key))
         problems = [
@@ -117,14 +130,27 @@ def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> 
         taken[str(options.deployment_name)] = "the application"
     if options.observability.exporter is not None:
         taken[EXPORTER] = "the exporter of ros_metrics"
+    workloads = [object_name(node.pod or key) for key, node in options.nodes.items()]
     if options.network is not None:
-        names = [*map(object_name, options.nodes), str(options.deployment_name)]
+        names = [*workloads, str(options.deployment_name)]
         mode = mode_of(options.network)
         services = mode.services(str(options.deployment_name), options.network, names)
         taken |= dict.fromkeys(services, f"a Service of mode {mode.name}")
+    if ros.rmw:
+        owners = {pods_name(name): name for name in workloads}
+        taken |= {name: f'the Service of the pods of "{key}"' for name, key in owners.items()}
+    pods = names_of(options)
+    for key, node in options.nodes.items():
+        if node.pod and object_name(node.pod) in taken:
+            owner = taken[object_name(node.pod)]
+            message = f"it is the name of {owner} on Kubernetes: choose another one"
+            yield Problem(("nodes", str(key), "pod"), message, "name-taken", at_key=True)
     ros_names: dict[str, list[str]] = defaultdict(list)
     for key, node in options.nodes.items():
         name, path = object_name(key), ("nodes", str(key))
+        if name in pods:
+            message = f'"{key}" has the name of {pods[name]} on Kubernetes: choose another one'
+            yield Problem(path, message, "name-taken", at_key=True)
         if name in taken:
             message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
             yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
@@ -168,23 +194,40 @@ def check_update(
             yield Problem(path, message, "bad-update")
         elif not anonymous and ros.surge:
             yield Problem(path, ros.surge, "surge", severity="warning", at_key=True)
+    for key in ("drain", "warm"):
+        if getattr(update, key) and not ros.rmw:
+            message = f"only nodes of ROS 2 have `{key}`: remove it"
+            yield Problem((*path, key), message, "bad-update", at_key=True)
+        elif getattr(update, key) and (update.strategy or "handover").lower() != "handover":
+            message = f"{update.strategy} has no {key}: remove it, or set strategy: HandOver"
+            yield Problem((*path, key), message, "bad-update", at_key=True)
 
 
 def check_hand_over(
     options: OrchestrationOptions, ros: Generation, distro: str
 ) -> Iterator[Problem]:
     """Yield updates that should hand over but cannot."""
+    if ros.rmw and options.rmw_layer and not libraries():
+        message = f"{NOT_BUILT}: its nodes stop for their updates; install rigel-k8s from PyPI"
+        yield Problem((), message, "no-layer", severity="warning")
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
-    for key, node in options.nodes.items():
+    nodes = {str(key): choose_layer(node, options) for key, node in options.nodes.items()}
+    obstacles = {
+        key: ros.of_node(node).find_obstacle(node, volumes, options.network, options.middleware)
+        for key, node in nodes.items()
+    }
+    groups = group_nodes(options)
+    for key, node in nodes.items():
         own = ros.of_node(node)
         refusal = own.refuse_hand_over(options, distro)
-        obstacle = own.find_obstacle(node, volumes, options.network, options.middleware)
+        together = groups[str(node.pod)] if node.pod else [key]
+        obstacle = name_obstacle({one: obstacles[one] for one in together}, key)
         if node.anonymous:
             obstacle = "its ROS name differs in each pod"
         for problem in check_way(node.update, own, refusal or obstacle):
-            yield problem.under(("nodes", str(key), "update"))
+            yield problem.under(("nodes", key, "update"))
     refusal = ros.refuse_hand_over(options, distro)
-    application = application_options(options)
+    application = choose_layer(application_options(options), options)
     obstacle = ros.find_obstacle(application, volumes, options.network, options.middleware)
     if not ros.hands_over:
         obstacle = f"in {ros.title} it needs another command line: make it one of `nodes`"
@@ -199,6 +242,11 @@ def check_way(
     if update is not None and requests_hand_over(update) and obstacle:
         message = f"HandOver is not possible: {obstacle}"
         yield Problem(("strategy",), message, "hand-over", at_key=True)
+    elif update is not None and update.strategy is None and obstacle and ros.rmw:
+        for key in ("drain", "warm"):
+            if getattr(update, key):
+                message = f"`{key}` has no effect, since HandOver is not possible: {obstacle}"
+                yield Problem((key,), message, "hand-over", at_key=True)
 
 
 def check_rollback(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
@@ -206,20 +254,36 @@ def check_rollback(options: OrchestrationOptions, ros: Generation) -> Iterator[P
     rollback = options.rollback_on
     if rollback is None:
         return
-    if rollback.within is not None and not rollback.graph_worse:
+    strict = any(one.otherwise == "rollback" for one in options.expect.values())
+    if rollback.within is not None and not rollback.graph_worse and not strict:
         message = "`within` has no effect without graph_worse: add graph_worse: true"
         yield Problem(("rollback_on", "within"), message, "incomplete", at_key=True)
     if rollback.graph_worse and ros.dds and ros.explain_unseen(options):
-        message = "the graph of nodes that use zenoh cannot be read: remove graph_worse"
+        message = "without `rmw_layer` the graph of zenoh cannot be read: remove graph_worse"
         yield Problem(("rollback_on", "graph_worse"), message, "no-graph", at_key=True)
+
+
+def check_expectations(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield what is expected and never measured, and a rollback that never happens."""
+    unseen = ros.explain_unseen(options) if ros.dds else None
+    for topic, one in options.expect.items():
+        for key in ("gap", "age"):
+            if getattr(one, key) is not None and not ros.rmw:
+                message = f"`{key}` is measured in ROS 2 only: remove it"
+                yield Problem(("expect", str(topic), key), message, "not-measured", at_key=True)
+        if one.otherwise == "rollback" and unseen:
+            message = "without `rmw_layer` the graph of zenoh cannot be read: remove `else`"
+            yield Problem(("expect", str(topic), "else"), message, "no-graph", at_key=True)
 
 
 def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
     """Yield checks that contradict each other or cannot be read."""
     if not isinstance(readiness, Readiness):
         return
-    if readiness.command is not None and readiness.file is not None:
-        yield Problem((*path, "file"), "a command and a file: remove one", "conflict", at_key=True)
+    given = [*readiness.own_checks, *(["rates"] if readiness.rates else [])]
+    if len(given) > 1:
+        message = f"a {given[0]} and a {given[-1]}: remove one"
+        yield Problem((*path, given[-1]), message, "conflict", at_key=True)
     if readiness.command is not None:
         yield from check_line((*path, "command"), readiness.command)
 
@@ -259,22 +323,35 @@ def check_containers(options: OrchestrationOptions, ros: Generation) -> Iterator
     if not ros.dds or options.allow_sidecars:
         return
     params = options.additional_k8s_params.application
+    groups = {pod: [*map(object_name, keys)] for pod, keys in group_nodes(options).items()}
     own = [] if replaces_container(options) else [APP_CONTAINER]
     written: list[tuple[Path, Mapping[str, Any], list[str]]] = [
         (("additional_k8s_params", "application"), params, own),
         *(
-            (("nodes", str(k), "patch"), n.patch, [NODE_CONTAINER])
+            (("nodes", str(k), "patch"), n.patch, groups[str(n.pod)] if n.pod else [NODE_CONTAINER])
             for k, n in options.nodes.items()
             if n.ros is None
         ),
     ]
     for path, patch, first in written:
         names = [str(one.get("name")) for one in containers_of(patch)]
-        extra = [*first, *(name for name in names if name not in first)][1:]
+        extra = [name for name in names if name not in first][0 if first else 1 :]
         if extra:
             place = (*path, "spec", "template", "spec", "containers")
             message = f"{', '.join(extra)}: {SIDECARS}"
             yield Problem(place, message, "sidecar", at_key=True)
+
+
+def check_faults(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield faults around which bags are to be kept, and that no exporter sees."""
+    for key, node in options.nodes.items():
+        faults, path = find_faults(node.args), ("nodes", str(key))
+        if faults and (not options.observability.exporter or ros.explain_unseen(options)):
+            message = "the exporter sees the faults of `on`: set `observability: {enabled: true}`"
+            yield Problem(path, message, "no-ros-metrics")
+        if "breach" in faults and not options.expect:
+            message = "`on: [breach]` needs topics in `expect`, which `rigel expect learn` proposes"
+            yield Problem(path, message, "no-expect")
 
 
 def check_observability(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:

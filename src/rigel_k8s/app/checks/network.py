@@ -8,9 +8,11 @@ from collections.abc import Iterator, Mapping
 import attrs
 
 from rigel_k8s.app.application import application_options, has_application
+from rigel_k8s.app.layer import SHM_PATH
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import find_program
 from rigel_k8s.app.updating import has_variable, is_rolling
+from rigel_k8s.app.volumes import find_mounts
 from rigel_k8s.generation import Generation
 from rigel_k8s.network.checks import check_options, pool_of
 from rigel_k8s.network.mode import ModeUse, mode_path
@@ -56,7 +58,7 @@ class Workload:
 
 def workloads_of(options: OrchestrationOptions) -> list[Workload]:
     """Return the nodes and the application; roscore is handled separately."""
-    found = []
+    found: list[Workload] = []
     for key, node in options.nodes.items():
         path: Path = ("nodes", str(key))
         places = {
@@ -65,6 +67,8 @@ def workloads_of(options: OrchestrationOptions) -> list[Workload]:
             "image": (*path, "image") if node.image else ("image",),
         }
         pods = 1 if node.replicas is None else int(node.replicas)
+        if node.pod and any(one.node.pod == node.pod for one in found):
+            pods = 0  # it is in that one's pod
         found.append(Workload(node, path, places, str(node.image or options.image or ""), pods))
     if has_application(options):
         params = ("additional_k8s_params", "application")
@@ -103,6 +107,8 @@ def check_network(options: OrchestrationOptions, ros: Generation, distro: str) -
     yield from check_images(workloads, middleware or mode_of(network).middleware)
     yield from check_replicas(network, workloads)
     yield from check_launches(options, network)
+    if network.shared_memory:
+        yield from check_memory(options)
     others = len(ros.companions(options, distro)) + int(options.observability.exporter is not None)
     yield from check_count(network, pods + others)
     yield from check_machines(network, workloads, pods)
@@ -193,6 +199,16 @@ def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[
             " by those of another such pod: keep launch files small, or use another mode"
         )
         yield Problem(("nodes", key, "launch"), message, "many-participants", severity="warning")
+
+
+def check_memory(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield nodes with a /dev/shm of their own: what others write for them would get lost."""
+    for key, node in options.nodes.items():
+        for index in find_mounts(node, SHM_PATH):
+            message = (
+                f"with `shared_memory` all nodes have the machine's {SHM_PATH}: remove this volume"
+            )
+            yield Problem(("nodes", str(key), "volumes", index), message, "conflict")
 
 
 def check_count(network: Network, pods: int) -> Iterator[Problem]:

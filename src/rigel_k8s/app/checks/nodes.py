@@ -13,14 +13,17 @@ from rigel_k8s.app.checks.commands import (
     check_substitution,
 )
 from rigel_k8s.app.components import check_components
+from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, find_program, full_name
+from rigel_k8s.app.testing import check_test
 from rigel_k8s.app.updating import find_clash, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.generation import Generation
-from rigel_k8s.objects.podoptions import Volume
+from rigel_k8s.objects.podoptions import Readiness, Volume
 from rigel_k8s.objects.raw import pod_of
+from rigel_k8s.objects.resources import check_resources, explain_few_bytes
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
 
@@ -42,6 +45,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
         yield Problem((), message, "missing-image", at_key=True)
+    yield from check_test(node)
     yield from check_readiness(node, ros)
     ros = ros.of_node(node)
     yield from check_name(key, node, ros)
@@ -49,11 +53,14 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from problems or check_appended(node, ros)
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)
+    yield from check_measured(choose_layer(node, options), ros)
     yield from check_substitution(node, IN_NODES)
     yield from check_shell_words(node)
     yield from check_labels(node)
+    yield from check_resources(node.resources)
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     yield from check_volumes(node, set(volumes))
+    yield from check_files(node)
     yield from check_anonymous(key, node, ros, volumes)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
@@ -85,6 +92,25 @@ def check_readiness(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     if node.ros and node.readiness in ("ros", *(() if ros.dds else ("dds",))):
         message = f"a program without ROS (ros: none) never becomes ready by {node.readiness}"
         yield Problem(("readiness",), f"{message}: use a command or a file", "not-ros", at_key=True)
+
+
+def check_measured(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield why no one knows whether a node's executors turn, or how often it publishes."""
+    if node.liveness and node.liveness.stuck is None and not node.liveness.silent:
+        message = "it has no effect: set `stuck` or `silent`"
+        yield Problem(("liveness",), message, "incomplete", at_key=True)
+    rates = isinstance(node.readiness, Readiness) and node.readiness.rates
+    for path, is_set in {("liveness",): node.liveness, ("readiness", "rates"): rates}.items():
+        if not is_set:
+            continue
+        key = path[-1]
+        if not ros.rmw:
+            message = f"only nodes of ROS 2 have `{key}`: remove it"
+        elif why := explain_left_out(node, find_program(ros, node)):
+            message = f"`{key}` needs the library in the node's processes, but {why}"
+        else:
+            continue
+        yield Problem(path, message, key, at_key=True)
 
 
 def check_plain(node: NodeOptions) -> Iterator[Problem]:
@@ -158,6 +184,17 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
             yield Problem(path, message, "unknown-volume")
         elif mount.mount_path is None and not mount.name:
             yield Problem(path, "mount_path is missing", "bad-volume")
+        elif problem := explain_few_bytes(mount.memory):
+            yield Problem((*path, "memory"), problem, "bad-quantity")
+
+
+def check_files(node: NodeOptions) -> Iterator[Problem]:
+    """Yield files at a path that is taken: Kubernetes refuses two mounts at one path."""
+    taken = {str(at).rstrip("/") for at in node.files}
+    for index, mount in enumerate(map(mount_of, node.volumes)):
+        if mount.mount_path and str(mount.mount_path).rstrip("/") in taken:
+            message = f"{mount.mount_path} is also one of `files`: choose another path for one"
+            yield Problem(("volumes", index), message, "conflict")
 
 
 def check_anonymous(

@@ -8,15 +8,14 @@ from pathlib import Path
 
 import yaml
 
+from rigel_k8s.app.deploying.beside import Use, collect, explain, read_each
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of
 from rigel_k8s.errors import UserError
-from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path as OptionPath
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.parse import find_excess
 from rigel_k8s.system.local_files import read_text
-from rigel_k8s.system.trust import Untrusted
 from rigel_k8s.yaml_text import Loader
 
 #: Bytes of one parameter file: a ConfigMap holds a mebibyte.
@@ -27,8 +26,11 @@ MOST_PARAMETERS = 2**24
 
 #: The name of the option in errors whose place says which one it is.
 WHAT = "parameter_files"
-TOO_MANY = f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters"
-SPLIT = "split the file: it counts once for each node that uses it"
+BEGINS = f"{WHAT}: "
+TOO_MANY = UserError(
+    f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters",
+    hint="split the file: it counts once for each node that uses it",
+)
 
 
 def read_parameter_files(
@@ -44,45 +46,22 @@ def read_parameter_files(
         Untrusted: a file is elsewhere.
         UserError: a file cannot be read, is not YAML, or does not contain parameters.
     """
-    texts = {}
-    for path, name, result in _read_each(options, directory, home):
-        if isinstance(result, UserError):
-            option = ".".join(map(str, path[: path.index(WHAT) + 1]))
-            text = result.message.removeprefix(f"{WHAT}: ")
-            raise type(result)(f"{option}: {text}", hint=result.hint) from result
-        texts[name] = result
-    return texts
+    uses = _read_each(options, directory, home)
+    return collect(uses, BEGINS, lambda path: path[: path.index(WHAT) + 1])
 
 
 def check_parameter_files(
     options: OrchestrationOptions, directory: Path, home: Path
 ) -> Iterator[Problem]:
     """Yield what read_parameter_files would refuse, at each use; a path with a template waits."""
-    for path, name, result in _read_each(options, directory, home):
-        if isinstance(result, UserError) and not has_template(name):
-            kind = "untrusted" if isinstance(result, Untrusted) else "bad-parameter-file"
-            message = result.message.removeprefix(f"{WHAT}: ")
-            yield Problem(path, "; ".join(filter(None, (message, result.hint))), kind)
+    return explain(_read_each(options, directory, home), BEGINS, "bad-parameter-file")
 
 
-def _read_each(
-    options: OrchestrationOptions, directory: Path, home: Path
-) -> Iterator[tuple[OptionPath, str, str | UserError]]:
-    """Yield (path of the option, path as written, text or error) at each use."""
-    found: dict[str, str | UserError] = {}
-    total = 0
-    for path, name in _list_uses(options):
-        if name not in found:
-            try:
-                found[name] = _read(directory / name, home)
-            except UserError as error:
-                found[name] = error
-        result = found[name]
-        total += len(result) if isinstance(result, str) else 0
-        if total > MOST_PARAMETERS:
-            yield path, name, UserError(TOO_MANY, hint=SPLIT)
-            return
-        yield path, name, result
+def _read_each(options: OrchestrationOptions, directory: Path, home: Path) -> Iterator[Use[str]]:
+    named = _list_uses(options)
+    return read_each(
+        named, lambda name: _read(directory / name, home), len, MOST_PARAMETERS, TOO_MANY
+    )
 
 
 def _list_uses(options: OrchestrationOptions) -> Iterator[tuple[OptionPath, str]]:

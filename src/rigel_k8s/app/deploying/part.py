@@ -5,28 +5,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from threading import Event
+from typing import TYPE_CHECKING
 
 import attrs
 
 from rigel_k8s.app.deploying.images import write_pull_secret
 from rigel_k8s.app.deploying.prepare import Preparation, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
+from rigel_k8s.app.expectations import describe_all
+from rigel_k8s.app.options import RollbackOn
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.preflight.examine import inspect
+from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.release.deploy import Look, deploy_release
 from rigel_k8s.release.rollback import find_target, undo
 from rigel_k8s.release.run import Run
 from rigel_k8s.release.together import Inspection, Part, PartLook
-from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.release.types import DeployOptions, Plan
 from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.rosgraph.watching import GraphWatch
 
 #: Seconds that a graph may stay worse before it is rolled back.
 WITHIN = 60.0
+#: The same where gaps are expected: one at a node's start is to be seen for a minute.
+GAP_SEEN = 70.0
+#: Seconds that an update waits for an idle robot.
+IDLE = 600.0
 #: Hints after a rollback: because it did not become ready, and because the graph became worse.
 CORRECT = "fix the cause, then run it again"
-LOOK = "see the current graph with `rigel graph`; to keep the update, remove `rollback_on`"
+LOOK = (
+    "see the current graph with `rigel graph`; to keep the update, remove `rollback_on`, or"
+    " `else: rollback` of what is expected"
+)
 
 
 @attrs.define(kw_only=True)
@@ -50,10 +64,13 @@ class ApplicationPart(Part):
     @property
     def limit(self) -> float | None:
         """How many seconds the graph may stay worse before a rollback; None: forever."""
-        rollback = self.prepared.options.rollback_on
-        if rollback is None or not rollback.graph_worse:
+        options = self.prepared.options
+        rollback, expected = options.rollback_on, options.expect.values()
+        if not insists(rollback) and not any(one.otherwise == "rollback" for one in expected):
             return None
-        return rollback.within.seconds if rollback.within else WITHIN
+        if rollback is not None and rollback.within is not None:
+            return rollback.within.seconds
+        return GAP_SEEN if any(one.gap for one in expected) else WITHIN
 
     def inspect(self, cluster: Cluster, earlier: Sequence[PartLook]) -> Inspection:
         """Return what keeps its network from working, or may.
@@ -69,23 +86,30 @@ class ApplicationPart(Part):
         """Deploy, and report what an update did to the ROS graph; roll back if that is requested.
 
         Raises:
-            GraphWorse: it was rolled back, as `rollback_on` requests.
+            GraphWorse: it was rolled back, as `rollback_on` or `expect` requests.
         """
         from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
         options = attrs.evolve(options, timeout=timeout_of(self.prepared.options, self.settings))
         write_pull_secret(self.desired, self.prepared.credentials, cluster)
         watch = GraphWatch(
-            cluster, self.release, options.report, options.cancel, self.limit or PATIENCE
+            cluster,
+            self.release,
+            options.report,
+            options.cancel,
+            self.limit or PATIENCE,
+            describe_all(self.prepared.options.expect),
+            quick=not self.ros.dds or (self.ros.rmw and self.prepared.options.rmw_layer),
         )
+        strict = insists(self.prepared.options.rollback_on)
         readable = not (self.ros.dds and self.ros.explain_unseen(self.prepared.options))
         run = Run(
             cluster=cluster,
             desired=self.desired,
             options=options,
-            before=watch.begin if readable else None,
+            before=partial(self.begin, watch if readable else None, options, cluster),
             applied=self.applied.set,
-            verify=partial(watch.report, insist=True) if self.limit else None,
+            verify=partial(watch.report, insist=strict) if self.limit else None,
         )
         try:
             revision = deploy_release(run, looked)
@@ -101,6 +125,27 @@ class ApplicationPart(Part):
         options.report.line(f"{where} is at revision {revision.number}")
         if not self.limit:
             watch.report()
+
+    def begin(
+        self, watch: GraphWatch | None, options: DeployOptions, cluster: Cluster, plan: Plan
+    ) -> None:
+        """Wait until the robot is idle, if pods are replaced and that is requested; read the graph.
+
+        Raises:
+            ClusterError: it is not idle within its time.
+            Interrupted: `cancel` was set.
+        """
+        from rigel_k8s.rosgraph.watching import changes_pods
+
+        update = self.prepared.options.update
+        if update and not self.settings.now and any(map(changes_pods, plan.changes)):
+            from rigel_k8s.rosgraph.idle import wait_until_idle
+
+            seconds = update.within.seconds if update.within else IDLE
+            silent = {ros_name(topic): one.seconds for topic, one in update.silent.items()}
+            wait_until_idle(cluster, self.release, options.report, options.cancel, seconds, silent)
+        if watch is not None:
+            watch.begin(plan)
 
     def watch(self, cluster: Cluster, options: DeployOptions) -> None:
         """Check that DDS nodes discover each other, and copy the results.
@@ -124,3 +169,8 @@ class ApplicationPart(Part):
             options.report.warn(f"{error.message}; `results: {{wait: 1m}}` would wait for them")
         else:
             options.report.line(f"results copied to {copied}")
+
+
+def insists(rollback: RollbackOn | None) -> bool:
+    """Whether all that is worse in the graph rolls an update back, not only expectations."""
+    return rollback is not None and rollback.graph_worse

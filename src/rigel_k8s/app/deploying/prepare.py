@@ -21,11 +21,13 @@ from rigel_k8s.app.deploying.images import (
     pin,
     secret_name,
 )
+from rigel_k8s.app.deploying.localfiles import read_files
 from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.parts import has_workloads
+from rigel_k8s.app.testing import choose_nodes
 from rigel_k8s.errors import UserError
 from rigel_k8s.generation import Texts, generation_of
 from rigel_k8s.images.credentials import RegistryCredentials
@@ -34,6 +36,7 @@ from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release.types import DEFAULT_TIMEOUT, Desired, ReleaseId, Revision
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
+from rigel_rmw import libraries
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -56,6 +59,11 @@ class Request:
     settings: Settings
     data: Mapping[str, Any] = attrs.field(factory=dict)
     providers: Mapping[str, Any] | None = None
+
+    def choose_nodes(self) -> Request:
+        """Return it without nodes of `kind: test`, unless they are to be tested."""
+        options, raw = choose_nodes(self.options, self.raw, tests=self.settings.tests)
+        return attrs.evolve(self, options=options, raw=raw)
 
     def lay_over(self, last: Revision | None) -> Request:
         """Return a partial job's request with its options merged into those of a revision."""
@@ -98,8 +106,9 @@ def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
         cluster: read for the last revision; None: use only the Rigelfile and the registries.
 
     Raises:
-        UserError: options that contradict the last revision's, or a parameter file that is missing.
+        UserError: options that contradict the last revision's, or a file that is missing.
     """
+    request = request.choose_nodes()
     release = release_of(request.options, request.settings, cluster)
     last = LastRevision(cluster, release)
     if is_partial(request.raw):
@@ -121,6 +130,8 @@ def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
             scripts(),
             read_parameter_files(options, request.application.dir, home),
             generation_of(request.application.distro, options.ros).read_program(),
+            libraries(),
+            read_files(options, request.application.dir, home),
         ),
         previous=last.objects() if network and network.ipam == "static" else (),
     )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from rigel_k8s.app.options import Results
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
-from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 
@@ -47,27 +47,47 @@ def copy_results(
         return done.code == 0
 
     wait_until(exists, results, pod, cancel)
-    command = ["tar", "cf", "-", "-C", str(source.parent), source.name or "."]
+    place = (release.namespace, pod, str(results.container))
+    copy_out(cluster, place, (source.parent, source.name or "."), target)
+    return target / source.name
+
+
+def copy_out(
+    cluster: Cluster,
+    place: tuple[str, str, str],
+    source: tuple[PurePosixPath, str],
+    target: Path,
+) -> None:
+    """Copy a file or a folder out of a container into a directory.
+
+    Args:
+        place: namespace, pod and container.
+        source: its folder and its name there; "." is the folder's content.
+
+    Raises:
+        RigelK8sError: it does not exist, or the image has no tar.
+    """
+    namespace, pod, container = place
+    folder, name = source
     with tempfile.TemporaryFile() as archive:
         errors = io.BytesIO()
         code = cluster.exec(
-            release.namespace,
+            namespace,
             pod,
-            command,
-            container=str(results.container),
+            ["tar", "cf", "-", "-C", str(folder), name],
+            container=container,
             stdin=None,
             stdout=archive,
             stderr=errors,
         )
         if code != 0:
             raise RigelK8sError(
-                f"results: tar of {source} in pod {pod} ended with exit code {code}",
+                f"results: tar of {folder / name} in pod {pod} ended with exit code {code}",
                 hint="install tar in the image",
                 details=errors.getvalue().decode("utf-8", "replace").splitlines(),
             )
         archive.seek(0)
         extract(archive, target)
-    return target / source.name
 
 
 def find_newest_pod(release: ReleaseId, cluster: Cluster) -> str:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.types import RosGraph
 
 ZENOH = (
-    "ros_metrics: the exporter supports DDS but not zenoh, so this application has no metrics of"
-    " its ROS graph; set `ros_metrics: false` to turn this warning off"
+    "ros_metrics: without the library in its nodes the exporter supports DDS but not zenoh, so this"
+    " application has no metrics of its graph; set `ros_metrics: false` to turn this warning off"
 )
 
 
@@ -53,7 +53,9 @@ def explain_unseen(options: OrchestrationOptions) -> str | None:
     return ZENOH if middleware == "zenoh" else None
 
 
-def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
+def read_graph(
+    cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
+) -> RosGraph:
     """Return the graph of the domain."""
     from rigel_k8s.rosgraph.dds import read
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from rigel_k8s.app.components import check_values, dotted
-from rigel_k8s.app.generations.dds import check_masterless, explain_unseen, read_graph
-from rigel_k8s.app.options import Component, NodeOptions
+from rigel_k8s.app.generations import dds
+from rigel_k8s.app.generations.dds import check_masterless
+from rigel_k8s.app.layer import NOT_BUILT, drain_seconds, explain_left_out, hand_over_variables
+from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
     ParameterOptions,
@@ -39,7 +41,7 @@ from rigel_k8s.app.programs import (
     split,
     write_values,
 )
-from rigel_k8s.app.updating import Way, find_obstacle, recreate, requests_hand_over
+from rigel_k8s.app.updating import Way, find_obstacle
 from rigel_k8s.generation import Generation, Loading, Object
 from rigel_k8s.network.modes import mode_of, ready_words
 from rigel_k8s.network.options import Network
@@ -49,6 +51,13 @@ from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.problems import Problem
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper, Loader
+from rigel_rmw import libraries
+
+if TYPE_CHECKING:
+    from rigel_k8s.discovery.members import Member
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.rosgraph.pods import GraphPod
+    from rigel_k8s.rosgraph.types import RosGraph
 
 FLAG, END = "--ros-args", "--"
 #: The parameters of all nodes of a process.
@@ -244,31 +253,23 @@ def find_own_obstacle(
     network: Network | None,
     middleware: str | None,
 ) -> str | None:
-    """Return why a lifecycle node cannot be handed over to another pod."""
-    if node.launch:
-        return "a launch file gives its nodes their names: use package and executable, or args"
-    if node.lifecycle:
-        return "it makes the transitions of `lifecycle`: remove one of the two"
-    if node.components:
-        return "its components are loaded again, and would run beside those of the old pod"
+    """Return why a node cannot be handed over to another pod."""
     try:
-        line = program(node)
+        left_out = explain_left_out(node, program(node))
     except ValueError:
         return "its command line cannot be split into words"
-    if not takes_arguments(line):
-        return "its services get names of their own, by arguments that only a program takes"
+    if left_out:
+        return left_out
+    if node.replicas is not None and int(node.replicas) > 1:
+        return f"it has {node.replicas} pods"
+    on_machine = node.host_network
     if network is not None:
-        mode = mode_of(network)
-        middleware = mode.middleware or middleware
-        if mode.in_machine_network:
-            return "it uses the machine's own network"
+        on_machine = on_machine or mode_of(network).in_machine_network
         if network.ipam == "static":
             return "with `ipam: static` two pods would have one address"
-        if mode.one_pod:
-            return f"with `{network.mode}` the two pods do not find each other"
-    if middleware == "zenoh":
-        return "hand-over needs DDS, and this is zenoh"
-    return find_obstacle(node, volumes, (None, "ros", "dds"))
+    if on_machine and node.ports:
+        return "it has a port of its machine"
+    return find_obstacle(node, volumes, (None, "ros", "dds"), shares_network=True)
 
 
 def choose_way(
@@ -278,15 +279,23 @@ def choose_way(
     update: RollingUpdate,
     obstacle: str | None,
 ) -> Way:
-    """Return HandOver for a lifecycle node that requests it, and can; see docs/ros2-updates.md."""
-    if not requests_hand_over(update) or ros_name is None or obstacle:
-        return recreate()
-    pod = {"fieldRef": {"apiVersion": "v1", "fieldPath": "metadata.name"}}
-    env: dict[str, Object] = {
-        "RIGEL_K8S_LIFECYCLE": {"value": ros_name},
-        "RIGEL_K8S_POD": {"valueFrom": pod},
-    }
-    return Way("HandOver", "", update, env, "lifecycle.sh", ("--lifecycle", ros_name))
+    """Return HandOver where the layer can do it; see docs/ros2-updates.md."""
+    if not release.layer:
+        return Way("Recreate", NOT_BUILT, update)
+    if obstacle:
+        return Way("Recreate", obstacle, update)
+    env = hand_over_variables(release, workload, ros_name, update)
+    return Way("HandOver", "", update, env, drain_seconds(update))
+
+
+def explain_unseen(options: OrchestrationOptions) -> str | None:
+    """Return why an exporter would see nothing; what processes note is read in every middleware."""
+    return None if libraries() and options.rmw_layer is not False else dds.explain_unseen(options)
+
+
+def refuse_hand_over(options: OrchestrationOptions, distro: str) -> str | None:
+    """Return why no node of a job can be handed over."""
+    return None if libraries() else NOT_BUILT
 
 
 def describe_component(key: str, component: Component) -> dict[str, Any]:
@@ -314,6 +323,15 @@ def check_component(component: Component) -> Iterator[Problem]:
                 yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
 
 
+def read_graph(
+    cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
+) -> RosGraph:
+    """Return the graph that the nodes themselves have noted."""
+    from rigel_k8s.rosgraph.ros2 import read
+
+    return read(cluster, pods, members, span)
+
+
 ROS2 = Generation(
     name="2",
     title="ROS 2",
@@ -321,8 +339,9 @@ ROS2 = Generation(
     lifecycle=True,
     clash="answer each other's services and parameters",
     surge="during an update two nodes of one name run at once: each of their messages comes twice,"
-    " and either answers services and actions; leave `strategy` out, and a lifecycle node hands"
-    " over where it can, any other stops for its update",
+    " and either answers services and actions; leave `strategy` out, and a node hands over, or"
+    " stops for its update",
+    hands_over=True,
     program=program,
     takes_arguments=takes_arguments,
     command_of=command_of,
@@ -338,6 +357,7 @@ ROS2 = Generation(
     ),
     find_obstacle=find_own_obstacle,
     choose_way=choose_way,
+    refuse_hand_over=refuse_hand_over,
     check=lambda options: check_masterless(options, "ROS 2"),
     check_parameters=check_parameters,
     explain_unreadable=explain_unreadable,

@@ -39,6 +39,7 @@ from rigel_k8s.commands.pods import (
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.podnodes import split
 from rigel_k8s.observability.names import LOKI
 from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
 from rigel_k8s.settings import Settings
@@ -145,7 +146,7 @@ class PodReader:
         self._levels = levels
         self._begun = time.time_ns()
         self._pods = pods
-        self._edges = {pod.name: Edge() for pod in pods}
+        self._edges = {pod.key: Edge() for pod in pods}
         self._lines: queue.Queue[LogLine | Exception] = queue.Queue()
 
     def read(self) -> Iterator[LogLine]:
@@ -154,12 +155,13 @@ class PodReader:
         if self._options.tail is None:
             yield from lines
             return
-        kept: dict[str, deque[LogLine]] = {}
+        kept: dict[tuple[str, str], deque[LogLine]] = {}
         for line in lines:
             if line.note:
                 yield line
             else:
-                kept.setdefault(line.pod, deque(maxlen=self._options.tail)).append(line)
+                own = (line.pod, line.workload)
+                kept.setdefault(own, deque(maxlen=self._options.tail)).append(line)
         yield from heapq.merge(*kept.values(), key=time_of)
 
     def _read_pod(self, pod: Pod) -> Iterator[LogLine]:
@@ -195,21 +197,22 @@ class PodReader:
         """Follow each run of a container of the workloads in a thread."""
         own = {RELEASE_LABEL: self._found.id.name}
         space = self._found.id.namespace
-        known: set[tuple[str, int]] = set()
+        known: set[tuple[tuple[str, str], int]] = set()
         old = set(self._edges)
         try:
             while not over.is_set():
                 for event in self._found.cluster.watch("v1", "Pod", space, labels=own, cancel=over):
-                    pod, run = pod_of(event.object), run_of(event.object)
-                    if event.type == "DELETED" or pod.workload not in workloads or run is None:
-                        continue
-                    if (pod.name, run) in known:
-                        continue
-                    known.add((pod.name, run))
-                    if pod.name not in old:
-                        self._edges[pod.name] = Edge(since=0)
-                    old.discard(pod.name)
-                    threading.Thread(target=self._follow, args=(pod, over), daemon=True).start()
+                    for item in split(event.object):
+                        pod, run = pod_of(item), run_of(item)
+                        if event.type == "DELETED" or pod.workload not in workloads or run is None:
+                            continue
+                        if (pod.key, run) in known:
+                            continue
+                        known.add((pod.key, run))
+                        if pod.key not in old:
+                            self._edges[pod.key] = Edge(since=0)
+                        old.discard(pod.key)
+                        threading.Thread(target=self._follow, args=(pod, over), daemon=True).start()
         except Exception as error:
             self._lines.put(error)
 
@@ -229,7 +232,7 @@ class PodReader:
         Args:
             follow: continue until it is set.
         """
-        edge = self._edges[pod.name]
+        edge = self._edges[pod.key]
         for text in self._found.cluster.logs(
             pod.namespace,
             pod.name,

@@ -24,7 +24,9 @@ from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.facts import stays_ready
-from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.scalars import Count, Duration, ObjectName, RosName
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.pods import list_pods
@@ -111,6 +113,11 @@ class RunningPod:
         name, machine = pod["metadata"]["name"], pod["spec"].get("nodeName", "")
         return cls(name, machine, stays_ready(pod), pod)
 
+    @property
+    def container(self) -> str:
+        """Its first container, or its node's."""
+        return str(self.object["spec"]["containers"][0]["name"])
+
     def __str__(self) -> str:
         state = "" if self.ready else ", not ready"
         return f"pod {self.name} on {self.machine or 'no machine yet'}{state}"
@@ -182,7 +189,7 @@ class _Check:
     def _pods(self) -> list[dict[str, Any]]:
         """Return the release's pods, the oldest first."""
         release = ReleaseId(self.namespace, str(self.options.deployment_name))
-        pods = list_pods(self.cluster, release)
+        pods = split_all(list_pods(self.cluster, release))
         return sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp")))
 
     def _no_pod_error(self, key: str, found: Sequence[RunningPod]) -> RigelK8sError:
@@ -205,7 +212,9 @@ class _Check:
         parameter = str(self.options.parameter)
         ros = ros_of(publisher.object, self.job.application.distro)
         for command in list_commands(publisher.object, ros, parameter, nonce):
-            done = self.cluster.run(self.namespace, publisher.name, command)
+            done = self.cluster.run(
+                self.namespace, publisher.name, command, container=publisher.container
+            )
             if done.code != NO_PYTHON:
                 break
         if done.code:
@@ -222,7 +231,12 @@ class _Check:
     def _follow(self, publisher: RunningPod, subscriber: RunningPod, arrivals: Arrivals) -> None:
         wanted = int(self.options.messages)
         lines = self.cluster.logs(
-            self.namespace, subscriber.name, follow=True, since_seconds=10, cancel=self.over
+            self.namespace,
+            subscriber.name,
+            subscriber.container,
+            follow=True,
+            since_seconds=10,
+            cancel=self.over,
         )
         for count in arrivals.count(lines):
             self.job.report.progress(self.options.subscriber, f"received {count} of {wanted}")

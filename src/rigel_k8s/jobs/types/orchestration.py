@@ -41,10 +41,14 @@ class OrchestrationJob:
     def check_files(
         self, options: OrchestrationOptions, application: Application, home: Path
     ) -> Sequence[Problem]:
-        """Return what is wrong with the parameter files."""
+        """Return what is wrong with the parameter files, and with `files`."""
+        from rigel_k8s.app.deploying.localfiles import check_local_files
         from rigel_k8s.app.deploying.parameterfiles import check_parameter_files
 
-        return tuple(check_parameter_files(options, application.dir, home))
+        return (
+            *check_parameter_files(options, application.dir, home),
+            *check_local_files(options, application.dir, home),
+        )
 
     def exclusive(
         self, options: OrchestrationOptions, application: Application, settings: Settings
@@ -65,7 +69,8 @@ class OrchestrationJob:
         ros = generation_of(application.distro, options.ros)
         own = [str(options.deployment_name)] if has_application(options) else []
         beside = ros.companions(options, application.distro)
-        return [*map(str, options.nodes), *own, *(one.identity.name for one in beside)]
+        nodes = [str(key) for key, node in options.nodes.items() if node.kind != "test"]
+        return [*nodes, *own, *(one.identity.name for one in beside)]
 
     def parts(
         self, options: OrchestrationOptions, job: JobContext, cluster: Cluster | None

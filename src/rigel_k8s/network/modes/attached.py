@@ -12,7 +12,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.addresses import Pool
-from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
+from rigel_k8s.network.dds import pinned_files, pinned_variables, shares_memory, uses
 from rigel_k8s.network.files import (
     SCRIPT,
     files_config,
@@ -158,12 +158,15 @@ def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str
     text = json.dumps(plugin("", network)) if own else ""
     mark = hashlib.sha256(text.encode()).hexdigest()[:8] if own else None
     address = plan.addresses.get(pod.name, "").partition("/")[0] or None
-    return network_note(plan, interface=INTERFACE, address=address, config=mark)
+    shared = shares_memory(plan, pod, pinned=True)
+    return network_note(
+        plan, interface=INTERFACE, address=address, config=mark, shared_memory=shared
+    )
 
 
 def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     """Return the variables that pin a pod's ROS or DDS to the second network."""
-    return pinned_variables(plan) if plan.ros.dds else master_variables(plan, pod)
+    return pinned_variables(plan, pod) if plan.ros.dds else master_variables(plan, pod)
 
 
 def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
@@ -218,7 +221,5 @@ MACVLAN = Mode(
     with_master=True,
     attached=True,
     on_machines=True,
-    multicast=True,
-    answers=True,
 )
 ATTACHMENT = attrs.evolve(MACVLAN, name="attachment", keys=RANGES | {"attachment"})

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from rigel_k8s.network.dds import udp_only
+from rigel_k8s.network.dds import shares_memory, transports
 from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.modes.servers import (
     SERVER_KEYS,
@@ -55,7 +55,7 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
         container = {
             "name": "discovery-server",
             "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
-            "env": environment({**udp_only(plan), **identity}),
+            "env": environment({**transports(plan), **identity}),
             "ports": [container_port("discovery", DISCOVERY_PORT, "UDP")],
             **server_probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
         }
@@ -72,8 +72,8 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return the wiring that makes a pod a client of the servers."""
     servers = ";".join(addresses(plan, network))
     return Wiring(
-        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **udp_only(plan)},
-        annotations=network_note(plan),
+        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **transports(plan, pod)},
+        annotations=network_note(plan, shared_memory=shares_memory(plan, pod)),
     )
 
 

@@ -6,14 +6,23 @@ from collections.abc import Iterator
 
 import attrs
 
-from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
+from rigel_k8s.network.dds import (
+    is_fastdds_2,
+    pinned_files,
+    pinned_variables,
+    shares_memory,
+    uses,
+)
 from rigel_k8s.network.files import SCRIPT, files_config, interface_script, render_at_start
-from rigel_k8s.network.mode import Mode
+from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.neighbors import neighbor_files, wire_neighbor
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Problem
 
+#: The machine's /dev/shm, too.
+SHARED = {"hostIPC": True}
 #: The cluster's names, on the machine's own network too.
 ON_HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
 HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.hostIP"}}}
@@ -34,23 +43,43 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     if interface:
         missing = f"{interface} is missing: this machine has no such interface (network.interface)"
         base = render_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
-        base = attrs.evolve(base, env=pinned_variables(plan))
+        base = attrs.evolve(base, env=pinned_variables(plan, pod))
     elif not plan.ros.dds:
         base = Wiring(env={"ROS_IP": HOST_IP})
     else:
-        base = wire_neighbor(plan)
-    return attrs.evolve(base, annotations=network_note(plan, interface=interface), pod=ON_HOST)
+        base = wire_neighbor(plan, pod)
+    shared = shares_memory(plan, pod, pinned=interface is not None)
+    note = network_note(plan, interface=interface, shared_memory=shared)
+    return attrs.evolve(
+        base, annotations=note, pod=ON_HOST | (SHARED if network.shared_memory else {})
+    )
+
+
+def check(network: Network, use: ModeUse) -> Iterator[Problem]:
+    """Yield shared memory for programs that would not use it."""
+    path = ("network", "shared_memory")
+    if network.shared_memory and not use.ros.dds:
+        message = f"shared memory is for Fast DDS, and {use.ros.title} has no DDS: leave it out"
+        yield Problem(path, message, "ros1", at_key=True)
+    elif network.shared_memory and use.middleware not in (None, "fastdds"):
+        message = f"shared memory is for Fast DDS; {use.middleware} does not use it: leave it out"
+        yield Problem(path, message, "wrong-mode", at_key=True)
+    elif network.shared_memory and network.interface and not is_fastdds_2(use.distro):
+        message = (
+            "from kilted on, Fast DDS does not share memory if it is pinned to an interface: leave"
+            " out `interface`, or `shared_memory`"
+        )
+        yield Problem(path, message, "conflict", at_key=True)
 
 
 HOST = Mode(
     name="host",
     wire=wire,
     objects=objects,
+    check=check,
     join=lambda plan, network: {"interface": network.interface},
     interface=lambda network: network.interface,
-    keys=frozenset({"interface"}),
+    keys=frozenset({"interface", "shared_memory"}),
     with_master=True,
     on_machines=True,
-    multicast=True,
-    answers=True,
 )

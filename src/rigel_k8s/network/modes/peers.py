@@ -19,14 +19,14 @@ import attrs
 
 from rigel_k8s.network.dds import (
     CYCLONE_FILE,
-    FASTDDS_FILE,
     PARTICIPANTS,
     cyclone_config,
     cyclone_variables,
-    fastdds_profile,
+    fastdds_profiles,
     fastdds_variables,
-    reads_udp_only,
-    udp_only,
+    reads_transports,
+    shares_memory,
+    transports,
     uses,
 )
 from rigel_k8s.network.files import config_name, files_config, make_context, mount_files
@@ -93,10 +93,10 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
     names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
     found: dict[str, str] = {}
     if uses(plan, "fastdds"):
-        if reads_udp_only(plan):
+        if reads_transports(plan):
             found[PEERS_KEY] = ";".join(names)
         else:
-            found[FASTDDS_FILE] = fastdds_profile(peers=[LOOPBACK, *names])
+            found |= fastdds_profiles(plan, peers=[LOOPBACK, *names])
     if uses(plan, "cyclonedds"):
         ports = [discovery_port(plan.domain_id or 0, index) for index in range(PARTICIPANTS)]
         listed = [f"{name}:{port}" for name in [LOOPBACK, *names] for port in ports]
@@ -106,30 +106,32 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return the wiring that lets a pod look for the others."""
-    reads_files = uses(plan, "cyclonedds") or not reads_udp_only(plan)
+    reads_files = uses(plan, "cyclonedds") or not reads_transports(plan)
     base = mount_files(plan) if reads_files else Wiring()
     # A pod reads the list of peers when it starts, so it must start again when `peers` changes.
     text = json.dumps(sorted(network.peers))
     mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None
-    return attrs.evolve(base, env=variables(plan), annotations=network_note(plan, config=mark))
+    note = network_note(plan, config=mark, shared_memory=shares_memory(plan, pod))
+    return attrs.evolve(base, env=variables(plan, pod), annotations=note)
 
 
-def variables(plan: NetworkPlan) -> dict[str, Object]:
+def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     """Return the variables by which each middleware finds the list."""
     found: dict[str, Object] = {}
     if uses(plan, "fastdds"):
-        found |= peers_variables(plan) if reads_udp_only(plan) else fastdds_variables(plan)
+        of_ros = reads_transports(plan)
+        found |= peers_variables(plan, pod) if of_ros else fastdds_variables(plan, pod)
     if uses(plan, "cyclonedds"):
         found |= cyclone_variables()
     return found
 
 
-def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
+def peers_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     """Return ROS 2's own variables, from jazzy on."""
     reference = {"configMapKeyRef": {"name": config_name(plan), "key": PEERS_KEY}}
     return {
         "ROS_STATIC_PEERS": {"valueFrom": reference},
-        **udp_only(plan),
+        **transports(plan, pod),
     }
 
 
@@ -161,7 +163,6 @@ PEERS = Mode(
     join=join,
     keys=frozenset({"peers"}),
     own_domain=True,
-    answers=True,
     one_pod=ONE_SERVICE,
     participants=PARTICIPANTS,
 )

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from rigel_k8s.network.files import make_context
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan
-from rigel_k8s.objects.marks import FIRST_ANNOTATION
-from rigel_k8s.objects.naming import HOSTNAME, NAME_LABEL
+from rigel_k8s.objects.marks import FIRST_ANNOTATION, NAME_LABEL
+from rigel_k8s.objects.naming import HOSTNAME
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.objects.tolerations import tolerations

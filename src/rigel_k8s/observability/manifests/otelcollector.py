@@ -10,8 +10,9 @@ from collections.abc import Iterator
 
 import yaml
 
-from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.manifests.program import Draft, list_loki_variables, load
@@ -42,7 +43,10 @@ def configuration(stack: Stack) -> str:
             {"tag_name": "application", "key": RELEASE_LABEL, "from": "pod"},
             {"tag_name": "workload", "key": NAME_LABEL, "from": "pod"},
         ],
-        "annotations": [{"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"}],
+        "annotations": [
+            {"tag_name": "ros_node", "key": ROS_NAME_ANNOTATION, "from": "pod"},
+            {"tag_name": "nodes", "key": NODES_ANNOTATION, "from": "pod"},
+        ],
     }
     if stack.options.collect != "all":
         metadata["filter"]["labels"] = [{"key": RELEASE_LABEL, "op": "exists"}]
@@ -103,6 +107,9 @@ def _statements() -> Iterator[str]:
     for label in ("namespace", "pod", "container"):
         source = f'resource.attributes["k8s.{label}.name"]'
         yield f'set(resource.attributes["{label}"], {source}) where {source} != nil'
+    # In a pod with several nodes, a container's workload is its node.
+    node, several = 'resource.attributes["container"]', 'resource.attributes["nodes"] != nil'
+    yield f'set(resource.attributes["workload"], {node}) where {several}'
     yield f"keep_keys(resource.attributes, {json.dumps([*LABELS, 'level'])})"
     yield "keep_keys(log.attributes, [])"
     yield "set(log.observed_time_unix_nano, 0)"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import yaml
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.manifests.program import Draft, load
@@ -38,9 +40,16 @@ def configuration(stack: Stack) -> str:
     if stack.options.collect != "all":
         (pods,) = scrape["kubernetes_sd_configs"]
         pods["selectors"] = [{"role": "pod", "label": RELEASE_LABEL}]
-    scrape["relabel_configs"] = [*contract(), *rules("log_path")]
+    scrape["relabel_configs"] = [*contract(), name_node(), *rules("log_path")]
     scrape["pipeline_stages"] = list(_stages())
     return yaml.safe_dump(made, sort_keys=False, width=100_000)
+
+
+def name_node() -> Object:
+    """Return the rule for pods with several nodes: a container's workload is its node."""
+    note = f"__meta_kubernetes_pod_annotationpresent_{re.sub(r'[^a-z0-9]', '_', NODES_ANNOTATION)}"
+    source = [note, LABELS["container"]]
+    return {"source_labels": source, "regex": "true;(.+)", "target_label": "workload"}
 
 
 def _client(stack: Stack) -> Object:

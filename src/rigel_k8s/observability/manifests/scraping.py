@@ -10,8 +10,7 @@ from collections.abc import Iterator
 
 import yaml
 
-from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests.program import load
 from rigel_k8s.observability.manifests.stack import Stack

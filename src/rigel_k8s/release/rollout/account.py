@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
@@ -9,14 +10,16 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
-from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.rollout.causes import CAUSES, probe_failure
+from rigel_k8s.objects.raw import containers_of
+from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.release.rollout.causes import CAUSES, Cause, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Seen
 from rigel_k8s.release.rollout.readiness import UNSEEN
 from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.run import Run
 
 LOG_LINES = 12
+NO_ROS = re.compile(r"No module named '(rclpy|rospy)'")
 LOGGED = ("crash", "restarted", "failed")  # causes of which the container's log says more
 
 
@@ -36,15 +39,23 @@ class Account:
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
 
     def show_states(self) -> None:
-        """Report the states that have changed; a workload with a cause shows that."""
-        for ref, state in self.standing.states.items():
-            if ref not in self.ledger.refs and state.message != UNSEEN:
-                self.show(ref, state.message, done=self.standing.is_ready(ref))
+        """Report the states that have changed; a workload with a cause shows that.
 
-    def show(self, ref: ObjectRef, text: str, *, done: bool) -> None:
-        """Report the present state of a workload, once."""
-        if self.shown.get(ref) != (text, done):
-            self.shown[ref] = (text, done)
+        A Deployment that has no pods, such as a test's, is left out, unless they have just ended.
+        """
+        for ref, state in self.standing.states.items():
+            idle = ref.kind == "Deployment" and state.done and not state.wanted
+            if idle and ref not in self.shown:
+                continue
+            if ref not in self.ledger.refs and state.message != UNSEEN:
+                turn = self.standing.find_turn(ref)
+                text = f"{state.message}; {turn}" if turn else state.message
+                self.show(ref, text, done=self.standing.is_ready(ref))
+
+    def show(self, ref: ObjectRef, text: str, *, done: bool, brief: str = "") -> None:
+        """Report the present state of a workload, once; if it has a `brief`, that decides."""
+        if self.shown.get(ref) != (brief or text, done):
+            self.shown[ref] = (brief or text, done)
             self.run.report.progress(ref.name, text, done=done)
 
     def note_causes(self, now: float) -> None:
@@ -62,7 +73,7 @@ class Account:
             seen.lines = [seen.cause.message, *self.read_log(seen)]
         self.warn(passed)
         for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
-            self.show(ref, cause.message, done=False)
+            self.show(ref, cause.message, done=False, brief=cause.brief)
         hopeless = [
             seen
             for seen in self.ledger.find_hopeless(now)
@@ -100,7 +111,7 @@ class Account:
         names = ", ".join(ref.name for ref in failed)
         return RolloutFailed(
             f"{self.name_survivor(failed)}{names} did not become ready: {what}",
-            hint=self.choose_hint(first.ref, first.cause.kind),
+            hint=self.choose_hint(first.ref, first.cause),
             details=[*self.read_log(first), *self.list_causes(others)],
         )
 
@@ -157,11 +168,21 @@ class Account:
             return [f"    {line}" for line in lines]
         return []
 
-    def choose_hint(self, ref: ObjectRef, kind: str = "") -> str:
-        """Return what to do next: about a kind of cause, if it is known."""
-        logs = f"`rigel logs {ref.name}` shows its output"
+    def choose_hint(self, ref: ObjectRef, cause: Cause | None = None) -> str:
+        """Return what to do next: about a cause, if it is known."""
+        kind, target = cause.kind if cause else "", self.standing.targets[ref]
+        command = self.run.options.write_command(f"logs {ref.name}", self.run.release)
+        logs = f"{command} shows its output"
         remedy = logs if kind in ("", *LOGGED) else CAUSES[kind].remedy
-        image = image_remedy_of(self.standing.targets[ref])
-        if image and kind in (*LOGGED, "image", "image-name", "start"):
+        image = image_remedy_of(target)
+        if cause and lacks_ros(target, cause):
+            remedy = "`command` replaces the image's ENTRYPOINT, which loads ROS: use `args`"
+        elif image and kind in (*LOGGED, "image", "image-name", "start"):
             remedy = f"{image}; {remedy}"
         return f"{remedy}; {self.run.choose_way_out(self.good)}"
+
+
+def lacks_ros(workload: Manifest, cause: Cause) -> bool:
+    """Whether a container has not found ROS and runs a command without its image's ENTRYPOINT."""
+    own = (one for one in containers_of(workload) if one["name"] == cause.container)
+    return bool(NO_ROS.search(cause.message)) and any(one.get("command") for one in own)

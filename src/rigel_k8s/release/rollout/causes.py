@@ -14,12 +14,25 @@ import attrs
 
 from rigel_k8s.kinds import Kind
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach
+from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.podnodes import shared_pod
 from rigel_k8s.objects.refs import Manifest
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
 #: Characters of a container's last words; Kubernetes keeps its message or the end of its log.
 LONGEST_MESSAGE = 300
+#: A call in a traceback of Python, and files there that are not the user's own.
+CALL = re.compile(r'\s+File "(.+)", line (\d+)')
+INSTALLED = re.compile(r"/opt/ros/|/usr/lib/|<")
+#: What looks like an error among the lines of a log.
+ERROR = re.compile(
+    r"(?!.*\[ *(DEBUG|INFO)\b).*(error|exception|fatal|\bfail(ed|ure)|\bfault\b"
+    r"|not found|no such|non-unique|\bcan(no|')t|could ?n[o']t|\bunable|denied|invalid|undefined)",
+    re.IGNORECASE,
+)
+#: Which line of our own script could not start a program; what follows is the shell's reason.
+OURS = re.compile(r"^/rigel-k8s/[\w.]+: (line )?\d+: (exec: )?")
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
 EVENTS = {
     "FailedMount": "mount",
@@ -31,8 +44,17 @@ EVENTS = {
 #: A busy kubelet that has not yet read the pod's ConfigMaps and Secrets reports this and tries
 #: again. One that does not exist is reported as "not found".
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
+#: What a probe prints of a pod that waits to take over.
+TURN = re.compile(r"(?:\w+ probe failed: )?(.+) \[waits\]")
 #: What a runtime says of a probe in a container that has exited.
-EXITED = re.compile(r"CONTAINER_EXITED|no running task|container is not running")
+EXITED = re.compile(
+    r"CONTAINER_EXITED|no running task|container is not running|in a (deleted|stopped) state"
+    r"|container not created|ttrpc: closed|probe failed:\s*$"
+)
+#: What the kubelet reports of a container that it will stop, and start again.
+NOT_ALIVE = "Liveness probe failed: "
+#: In the kubelet's words about a probe that could not run: one that has failed explains more.
+NOT_RUN = "errored and resulted in unknown state"
 CAUSES: Mapping[str, Kind] = {
     "image": Kind(
         "the image cannot be pulled",
@@ -70,6 +92,7 @@ class Cause:
         kind: one of CAUSES.
         pod: the pod that shows it, "" if none is the cause.
         previous: its log is that of the container's life before the last restart.
+        brief: the message without the container's last words, which differ from start to start.
     """
 
     kind: str
@@ -77,6 +100,7 @@ class Cause:
     pod: str = ""
     container: str = ""
     previous: bool = False
+    brief: str = ""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -187,6 +211,19 @@ def list_restarts(pods: Iterable[Manifest]) -> Iterator[Cause]:
                 yield from explain_exit(pod["metadata"]["name"], container)
 
 
+def find_crash(pod: Manifest) -> tuple[str, str]:
+    """Return when a container that is ready now has ended last, and how; both "" if none has."""
+    found = [
+        (str(ended.get("finishedAt", "")), container)
+        for container in containers(pod.get("status") or {})
+        if container.get("ready")
+        and (ended := (container.get("lastState") or {}).get("terminated"))
+    ]
+    when, container = max(found, key=lambda one: one[0], default=("", {}))
+    causes_of = explain_exit(pod["metadata"]["name"], container) if container else iter(())
+    return when, next((cause.message for cause in causes_of), "")
+
+
 def never_started(pod: str, container: str, message: str) -> Cause:
     """Return the cause of a program that the runtime cannot start.
 
@@ -215,8 +252,11 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
         yield never_started(pod, own, ended.get("message") or "")
         return
     # Without the number of restarts: nodes that fail alike have one message.
-    message, kind = f"container {own} {exit_words(ended)}", "restarted" if up else "crash"
-    yield Cause(kind, message, pod, own, previous=not state.get("terminated"))
+    brief = f"container {own} {exit_words(ended)}"
+    last = find_last_words(ended.get("message") or "")
+    message = f"{brief} ({last})" if last and ended.get("reason") != "OOMKilled" else brief
+    kind, previous = "restarted" if up else "crash", not state.get("terminated")
+    yield Cause(kind, message, pod, own, previous, brief)
 
 
 def exit_words(ended: Mapping[str, Any]) -> str:
@@ -225,9 +265,25 @@ def exit_words(ended: Mapping[str, Any]) -> str:
     if ended.get("reason") == "OOMKilled":
         return f"ran out of memory (OOMKilled, exit code {code}): raise its memory limit"
     signal = f", killed by signal {code - 128}" if code and code > 128 else ""
-    own = " ".join((ended.get("message") or "").split())
-    last = f"…{own[-LONGEST_MESSAGE:]}" if len(own) > LONGEST_MESSAGE else own
-    return f"exited with code {code}{signal}" + (f" ({last})" if last else "")
+    return f"exited with code {code}{signal}"
+
+
+def find_last_words(message: str) -> str:
+    """Return the end of what a container has printed; of that, its errors if there are some.
+
+    Of a Python traceback it is the error itself.
+    """
+    lines = [OURS.sub("", line) for line in message.splitlines() if line.strip()]
+    calls = [(number, found) for number, line in enumerate(lines) if (found := CALL.match(line))]
+    if calls:
+        error = next((one for one in lines[calls[-1][0] + 1 :] if not one[0].isspace()), "")
+        own = [call for _, call in calls if not INSTALLED.match(call[1])]
+        if error:
+            place = f", {own[-1][1]}:{own[-1][2]}" if own else ""
+            return f"{error[:LONGEST_MESSAGE]}{place}"
+    errors = [] if calls else [line for line in lines if ERROR.match(line)]
+    text = " ".join(" ".join(dict.fromkeys(errors or lines)).split())
+    return f"…{text[-LONGEST_MESSAGE:]}" if len(text) > LONGEST_MESSAGE else text
 
 
 def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
@@ -249,21 +305,80 @@ def is_past_mounts(container: Mapping[str, Any]) -> bool:
 
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:
-    """Return the output of the last probe of a pod that failed while it ran, "" if none did."""
+    """Return the output of the last probe of a pod that failed while it ran, "" if none did.
+
+    Of several nodes in a pod, it is that of one which does not only wait for its turn.
+    """
+    failed = list_probe_failures(pod, events)
+    wrong = [name for name, text in failed.items() if not TURN.fullmatch(text)]
+    name = next(iter([*wrong, *failed]), "")
+    return f"{name}: {failed[name]}" if len(failed) > 1 else failed.get(name, "")
+
+
+def list_probe_failures(pod: Manifest, events: Iterable[Manifest]) -> dict[str, str]:
+    """Return the output of the last failed probe of each container that is not ready."""
+    states = containers(pod.get("status") or {})
+    ready = {one["name"] for one in states if one.get("ready")}
     failed = [
         event
         for event in find_events(pod, events)
         if event["reason"] in ("Unhealthy", "ProbeWarning")
         and not EXITED.search(event.get("message") or "")
     ]
-    failed.sort(key=lambda event: str(event.get("lastTimestamp") or event.get("eventTime") or ""))
-    return " ".join(str(failed[-1].get("message", "")).split()) if failed else ""
+    failed.sort(key=lambda event: (NOT_RUN not in str(event.get("message")), time_of(event)))
+    found = {
+        find_container(event): " ".join(str(event.get("message", "")).split()) for event in failed
+    }
+    return {name: text for name, text in found.items() if name not in ready}
+
+
+def find_liveness_failure(pod: Manifest, events: Iterable[Manifest]) -> tuple[str, str]:
+    """Return when its liveness probe last stopped a container of a pod, and what that reported.
+
+    Both are "" where a container ended otherwise since then, or the event is no longer there.
+    """
+    lives = {
+        one["name"]: ended
+        for one in containers(pod.get("status") or {})
+        for state in (one.get("lastState"), one.get("state"))
+        if (ended := (state or {}).get("terminated"))
+    }
+    found = [
+        (str(life.get("finishedAt")), " ".join(text.removeprefix(NOT_ALIVE).split()))
+        for event in sorted(find_events(pod, events), key=time_of)
+        if (text := str(event.get("message"))).startswith(NOT_ALIVE)
+        and (life := lives.get(find_container(event)))
+        and str(life.get("startedAt")) < time_of(event) <= str(life.get("finishedAt"))
+    ]
+    return max(found, key=lambda one: one[0], default=("", ""))
+
+
+def time_of(event: Manifest) -> str:
+    """Return when an event has happened last, as Kubernetes writes times."""
+    return str(event.get("lastTimestamp") or event.get("eventTime") or "")
+
+
+def find_turn(pod: Manifest, events: Iterable[Manifest]) -> str:
+    """Return for what a pod waits that takes over from another one, "" if it does not wait.
+
+    Its probe marks what it reports: such a pod is as it should be.
+    """
+    found = [TURN.fullmatch(text) for text in list_probe_failures(pod, events).values()]
+    return next((one[1] for one in found if one and all(found)), "")
 
 
 def find_events(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]:
-    """Yield the events about a pod."""
+    """Yield the events about a pod, or about a node's part of it."""
     uid = pod["metadata"]["uid"]
-    return (event for event in events if event["involvedObject"].get("uid") == uid)
+    node = pod["metadata"].get("labels", {}).get(NAME_LABEL) if shared_pod(pod) else ""
+    own = (event for event in events if event["involvedObject"].get("uid") == uid)
+    return (event for event in own if not node or find_container(event) in ("", node))
+
+
+def find_container(event: Manifest) -> str:
+    """Return the container that an event is about, "" if it is about the whole pod."""
+    path = str(event["involvedObject"].get("fieldPath") or "")
+    return path.partition("{")[2].rstrip("}")
 
 
 def containers(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:

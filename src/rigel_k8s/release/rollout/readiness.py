@@ -6,7 +6,7 @@ that waiting does not improve.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -58,8 +58,34 @@ def readiness(live: Manifest) -> ObjectReadiness:
     return KINDS.get(live["kind"], by_conditions)(live.get("spec") or {}, status)
 
 
+def readiness_among(
+    live: Manifest, newest: Iterable[Manifest], pods: Collection[Manifest]
+) -> ObjectReadiness:
+    """Return the state of a workload; an old version that is not ready does no work.
+
+    A Deployment's status counts the ready pods of all its versions.
+
+    Args:
+        newest: its pods of the newest template.
+        pods: all of its pods, as far as they are known.
+    """
+    state = readiness(live)
+    if not state.old_runs:
+        return state
+    new = {pod["metadata"]["name"] for pod in newest}
+    old = [pod for pod in pods if pod["metadata"]["name"] not in new]
+    if not old or any(map(stays_ready, old)):
+        return state
+    return going(count_new(state.ready, state.wanted), state.ready, state.wanted)
+
+
+def count_new(ready: int, wanted: int) -> str:
+    """Return how many pods of the new version are ready, in words."""
+    return f"{ready} of {wanted} new {'pod' if wanted == 1 else 'pods'} ready"
+
+
 def readiness_without(
-    live: Manifest, newest: Iterable[Manifest], pods: Iterable[Manifest], away: Collection[str]
+    live: Manifest, newest: Sequence[Manifest], pods: Collection[Manifest], away: Collection[str]
 ) -> ObjectReadiness:
     """Return the state of a workload, without pods on unreachable machines.
 
@@ -68,7 +94,7 @@ def readiness_without(
         pods: all of its pods.
         away: the names of the machines whose pods are not waited for; it may be empty.
     """
-    state = readiness(live)
+    state = readiness_among(live, newest, pods)
     settling = is_ending(live) or state.message == UNSEEN
     if not away or state.done or settling or live["kind"] not in REPLICATED:
         return state
@@ -97,8 +123,7 @@ def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
     if updated < wanted:
         return going(f"{updated} of {wanted} pods are new", 0, wanted)
     if old := max(int(status.get("replicas", 0)) - updated, 0):  # those that end do not count
-        new = max(ready - old, 0)
-        message = f"{new} of {wanted} new {'pod' if wanted == 1 else 'pods'} ready"
+        message = count_new(max(ready - old, 0), wanted)
         if ready:
             message += ", the old version still runs"
         return ObjectReadiness(False, True, message, ready, wanted, old_runs=bool(ready))

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 
 import attrs
 
+from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import is_optional
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.release.rollout.causes import Cause, causes, list_restarts
+from rigel_k8s.release.rollout.causes import Cause, causes, find_turn, list_restarts
 from rigel_k8s.release.rollout.crashes import CrashLog, Unprobed, find_unprobed_in
-from rigel_k8s.release.rollout.readiness import ObjectReadiness, readiness_without
+from rigel_k8s.release.rollout.readiness import UNSEEN, ObjectReadiness, readiness_without
 from rigel_k8s.release.rollout.surroundings import Surroundings
 
 GRACE = 30.0  # seconds that optional workloads have when all else is ready
@@ -48,10 +49,11 @@ class Standing:
         self.live, self.surroundings = live, surroundings
         for ref, there in live.items():
             newest = surroundings.list_newest_pods(there)
-            if ref in self.rolling:
-                self.crashes.note(ref, newest, now)
             state = readiness_without(there, newest, surroundings.list_pods(there), self.away)
             self.states[ref] = state
+            # Until its controller has seen the change, the newest pods are the old ones.
+            if ref in self.rolling and state.message != UNSEEN:
+                self.crashes.note(ref, newest, now)
             if not state.done:
                 self.rolling.add(ref)
         self.unsteady = self.crashes.find_unsteady(now)
@@ -80,6 +82,14 @@ class Standing:
             return False
         return now - self.enough_since >= GRACE or not self.list_waiting()
 
+    def find_turn(self, ref: ObjectRef) -> str:
+        """Return for what a workload's new pod waits before it takes over; "" if it does not."""
+        live, around = self.live.get(ref), self.surroundings
+        if live is None or self.is_ready(ref):
+            return ""
+        pods = [pod for pod in around.list_newest_pods(live) if not is_ready(pod)]
+        return next(filter(None, (find_turn(pod, around.list_events(pod)) for pod in pods)), "")
+
     def list_unprobed(self) -> list[Unprobed]:
         """Return the containers without probes of what has become ready, each pod's once."""
         fresh = [
@@ -98,7 +108,7 @@ class Standing:
         """Yield what is wrong now with what is not ready."""
         for ref in self.list_waiting():
             live, state = self.live.get(ref), self.states.get(ref)
-            if live is None or state is None:
+            if live is None or state is None or state.message == UNSEEN:
                 continue
             if state.done and not state.ok:
                 yield ref, Cause("failed", state.message)

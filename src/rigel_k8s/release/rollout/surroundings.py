@@ -99,13 +99,27 @@ def newest_template(workload: Manifest) -> tuple[str, str]:
 
 
 def find_newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
-    """Yield the ReplicaSet of a Deployment's newest template."""
+    """Yield the ReplicaSet of a Deployment's newest template.
+
+    Of a Recreate one it is made when the old pods have ended: until then the number is the old one.
+    """
     note = "deployment.kubernetes.io/revision"
     number = (deployment["metadata"].get("annotations") or {}).get(note)
+    template = template_of(deployment)
     for replica_set in replica_sets:
         notes = replica_set["metadata"].get("annotations") or {}
-        if owner(replica_set) == deployment["metadata"]["uid"] and notes.get(note) == number:
+        same = notes.get(note) == number and template_of(replica_set) == template
+        if same and owner(replica_set) == deployment["metadata"]["uid"]:
             yield replica_set
+
+
+def template_of(live: Manifest) -> Manifest:
+    """Return a workload's template for pods, without the label that Kubernetes adds to it."""
+    template = (live.get("spec") or {}).get("template") or {}
+    meta = template.get("metadata") or {}
+    labels = {**(meta.get("labels") or {})}
+    labels.pop("pod-template-hash", None)
+    return {**template, "metadata": {**meta, "labels": labels}}
 
 
 def owner(live: Manifest) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 
 from rigel_k8s.errors import Interrupted, RolloutFailed
 from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.refs import Manifest, ref_of
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.rollout.account import Account
@@ -62,6 +63,7 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
     """Look again and again until all is ready; raises as `wait`."""
     standing, cancel = account.standing, run.options.cancel
     started, explained = time.monotonic(), 0.0
+    seen, turns = started, allow_turns(standing.targets.values())
     # What is unreachable cannot become ready: that time does not count.
     deadline = started + run.options.limit - run.cluster.sum_outages()
     while True:
@@ -69,6 +71,9 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
         live = {ref: there for ref in standing.targets if (there := view.find(ref)) is not None}
         standing.look(live, view.look_around(), now)
         account.show_states()
+        if turns > 0 and any(map(standing.find_turn, standing.list_waiting())):
+            deadline, turns = deadline + now - seen, turns - (now - seen)
+        seen = now
         if standing.is_enough(now) and all_run(run, standing):
             account.leave_behind()
             return
@@ -91,6 +96,15 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
         if spent > BRIEF:  # events gather: the next look handles all of them
             cancel.wait(min(LOOK, REST * spent))
         view.refresh(LOOK)
+
+
+def allow_turns(targets: Iterable[Manifest]) -> float:
+    """Return how many seconds pods may wait to take over: as long as the old ones may take to end.
+
+    What the old ones have begun is no fault of the roll-out, so that time does not count.
+    """
+    pods = [pod_of(target) for target in targets]
+    return max((float(pod.get("terminationGracePeriodSeconds", 0)) for pod in pods), default=0)
 
 
 def all_run(run: Run, standing: Standing) -> bool:

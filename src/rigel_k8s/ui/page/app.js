@@ -6,6 +6,7 @@ import { showGraph } from "./graph.js";
 import { showHistory } from "./history.js";
 import { showLog, takeLines } from "./log.js";
 import { showNodes } from "./nodes.js";
+import { showReadings } from "./readings.js";
 import { onSelect, selected } from "./selection.js";
 import { showSummary } from "./summary.js";
 import { onChange, take } from "./store.js";
@@ -42,5 +43,5 @@ function connect() {
 onSelect(connect);
 onSelect(showLog);
 document.addEventListener("visibilitychange", connect);
-for (const show of [showSummary, showGraph, showNodes, showDetails, showHistory]) onChange(show);
+for (const show of [showSummary, showGraph, showNodes, showDetails, showReadings, showHistory]) onChange(show);
 connect();

@@ -1,10 +1,10 @@
-// The picture of the ROS graph: nodes on their machines, topics between them. Every node is a
-// button: Tab leads to the graph, arrow keys from node to node, Enter chooses one.
+// The picture of the ROS graph: nodes on their machines, topics between them. Each of them is a
+// button: Tab leads to the graph, arrow keys from one to the next, Enter chooses one.
 
 import { byId, draw, make, setText, showTime, update } from "./dom.js";
 import { matches, finding, onFind } from "./find.js";
 import { load, place, scaleIn } from "./graphviz.js";
-import { onSelect, select, selected } from "./selection.js";
+import { onChoose, select, selected, selectTopic, selectedTopic } from "./selection.js";
 import { drawState, wordsOf } from "./states.js";
 import { get, group } from "./store.js";
 import { begin, squeeze } from "./text.js";
@@ -15,8 +15,8 @@ const FONTS = { name: `600 14px ${FAMILY}`, small: `12px ${FAMILY}` };
 const area = byId("graph");
 let zoom = 0; // 0: the whole graph, but never too small to read
 let failure = ""; // why Graphviz does not run here
-let drawn = null; // {dot, placed, svg, boxes: name -> element, edges, width, height}
-let current = ""; // the box that Tab leads to
+let drawn = null; // {placed, svg, boxes, topics: by name, items: both by their names in DOT, edges, width, height}
+let current = ""; // the item that Tab leads to
 
 /** Show what has changed. */
 export function showGraph(groups) {
@@ -41,7 +41,7 @@ export function showGraph(groups) {
 const room = () => ({ width: Math.max(area.clientWidth - 2, 240), height: Math.min(innerHeight * 0.72, 960) - 2 });
 
 function drawAll(placed, boxes, topics) {
-  const focused = area.contains(document.activeElement) && document.activeElement.dataset?.box;
+  const focused = area.contains(document.activeElement) && document.activeElement.dataset.item;
   const machines = draw("g", {});
   for (const machine of placed.machines) {
     machines.append(
@@ -57,20 +57,19 @@ function drawAll(placed, boxes, topics) {
     const [node, topic] = from.startsWith("node ") ? [from, to] : [to, from];
     return { path, node: node.slice("node ".length), topic: topic.slice("topic ".length) };
   });
-  const pills = draw("g", {});
+  const pills = draw("g", { role: "list", "aria-label": "Topics of the ROS graph" });
   const found = new Map();
   for (const topic of topics) {
     const at = placed.places.get(`topic ${topic.name}`);
     if (!at) continue;
-    const pill = draw("g", { class: "topic", "data-topic": topic.name, "aria-hidden": "true" },
+    const pill = draw("g", { "data-topic": topic.name },
       draw("rect", { x: at.x - at.width / 2, y: at.y - at.height / 2, width: at.width, height: at.height, rx: at.height / 2 }),
       draw("text", { class: "name", x: at.x, y: at.y - 3 }),
       draw("text", { x: at.x, y: at.y + 13 }),
       draw("title", {}));
-    pill.addEventListener("pointerenter", () => point({ topic: topic.name }));
-    pill.addEventListener("pointerleave", () => point(null));
-    pills.append(pill);
-    found.set(topic.name, { element: pill, room: at.width - 12 });
+    makeButton(pill, `topic ${topic.name}`, { topic: topic.name });
+    pills.append(draw("g", { role: "listitem" }, pill));
+    found.set(topic.name, { element: pill, room: at.width - 12, at });
   }
   const cards = draw("g", { role: "list", "aria-label": "Nodes of the ROS graph" });
   const known = new Map();
@@ -85,11 +84,13 @@ function drawAll(placed, boxes, topics) {
   const height = placed.height + 2 * MARGIN;
   const arrow = draw("marker", { id: "arrow", viewBox: "0 0 8 8", refX: 8, refY: 4, markerWidth: 7, markerHeight: 7, orient: "auto" }, draw("path", { d: "M0 0 8 4 0 8Z" }));
   const svg = draw("svg", { viewBox: `${-MARGIN} ${-MARGIN} ${width} ${height}`, role: "group", "aria-labelledby": "graph-title" }, draw("defs", {}, arrow), machines, lines, pills, cards);
-  drawn = { placed, svg, boxes: known, topics: found, edges, width, height, order: [...known.keys()] };
-  if (!known.has(current)) current = drawn.order[0] ?? "";
+  const order = [...known.keys()].map((name) => `node ${name}`);
+  const items = new Map([...known, ...found].map(([, item]) => [item.element.dataset.item, item]));
+  drawn = { placed, svg, boxes: known, topics: found, items, edges, width, height, order };
+  if (!items.has(current)) current = order[0] ?? "";
   update(area, [svg]);
   scale();
-  if (focused && known.has(focused)) known.get(focused).element.focus({ preventScroll: true });
+  if (focused) items.get(focused)?.element.focus({ preventScroll: true });
 }
 
 function drawBox(box, at) {
@@ -100,18 +101,25 @@ function drawBox(box, at) {
   squeeze(name, `${box.name} `, FONTS.name, at.width - 32);
   const note = draw("text", { class: "words", x: left + 10, y: top + 36 });
   const title = draw("title", {});
-  const element = draw("g", { class: "box", role: "button", tabindex: -1, "data-box": box.name, "data-workload": box.workload },
+  const element = draw("g", { class: "box", "data-box": box.name, "data-workload": box.workload },
     draw("rect", { x: left, y: top, width: at.width, height: at.height, rx: 7 }), shape, name, note, title);
-  element.addEventListener("click", () => choose(box.name));
+  makeButton(element, `node ${box.name}`, { node: box.name });
+  return { element, shape, note, title, at };
+}
+
+/** Make a button of a node or topic; `what` is emphasized while the reader points at it. */
+function makeButton(element, item, what) {
+  element.dataset.item = item;
+  element.setAttribute("role", "button");
+  element.addEventListener("click", () => choose(item));
   element.addEventListener("focus", () => {
-    current = box.name;
-    point({ node: box.name });
+    current = item;
+    point(what);
     mark();
   });
   element.addEventListener("blur", () => point(null));
-  element.addEventListener("pointerenter", () => point({ node: box.name }));
+  element.addEventListener("pointerenter", () => point(what));
   element.addEventListener("pointerleave", () => point(null));
-  return { element, shape, note, title, at };
 }
 
 /** Give a box the state of its node. */
@@ -147,10 +155,13 @@ function colorTopic(topic) {
   const pill = drawn.topics.get(topic.name);
   if (!pill) return;
   pill.element.setAttribute("class", `topic${topic.bad ? " bad" : ""}`);
+  const ends = [topic.from.length ? `from ${topic.from.join(" ")}` : "", topic.to.length ? `to ${topic.to.join(" ")}` : ""];
+  const label = [`${topic.name} ${topic.rate || "–"}`, topic.type ? `topic of type ${topic.type}` : "topic", ...ends].filter(Boolean).join(", ");
+  pill.element.setAttribute("aria-label", label);
   const [, name, rate, title] = pill.element.children;
-  squeeze(name, topic.name, FONTS.small, pill.room);
+  squeeze(name, `${topic.name} `, FONTS.small, pill.room);
   setText(rate, topic.rate || "–");
-  setText(title, [topic.name, topic.type, topic.rate].filter(Boolean).join(" "));
+  setText(title, label);
   for (const edge of drawn.edges) {
     if (edge.topic === topic.name) edge.path.classList.toggle("lost", topic.lost.includes(edge.node));
   }
@@ -160,11 +171,15 @@ function colorTopic(topic) {
 function mark() {
   if (!drawn) return;
   for (const [name, card] of drawn.boxes) {
-    card.element.setAttribute("tabindex", name === current ? "0" : "-1");
     card.element.classList.toggle("chosen", Boolean(card.element.dataset.workload) && card.element.dataset.workload === selected());
     card.element.classList.toggle("other", !matches(name, card.element.dataset.workload));
   }
-  for (const [name, pill] of drawn.topics) pill.element.classList.toggle("other", !matches(name));
+  for (const [name, pill] of drawn.topics) {
+    pill.element.setAttribute("aria-pressed", String(name === selectedTopic()));
+    pill.element.classList.toggle("chosen", name === selectedTopic());
+    pill.element.classList.toggle("other", !matches(name));
+  }
+  for (const [item, { element }] of drawn.items) element.setAttribute("tabindex", item === current ? "0" : "-1");
   drawn.svg.classList.toggle("finding", finding());
 }
 
@@ -186,10 +201,10 @@ function point(what) {
   for (const [name, pill] of drawn.topics) pill.element.classList.toggle("near", topics.has(name));
 }
 
-function choose(name) {
-  const workload = drawn.boxes.get(name)?.element.dataset.workload;
-  if (workload) select(workload);
-  mark();
+function choose(item) {
+  const { topic, workload } = drawn.items.get(item).element.dataset;
+  if (topic) selectTopic(topic);
+  else if (workload) select(workload);
 }
 
 function showNotes(boxes) {
@@ -206,30 +221,30 @@ function showNotes(boxes) {
 const KEYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
 
 area.addEventListener("keydown", (event) => {
-  const name = event.target.dataset?.box;
-  if (!name || event.ctrlKey || event.metaKey || event.altKey) return;
+  const item = event.target.dataset?.item;
+  if (!item || event.ctrlKey || event.metaKey || event.altKey) return;
   let next = "";
-  if (KEYS[event.key]) next = nearest(name, ...KEYS[event.key]);
+  if (KEYS[event.key]) next = nearest(item, ...KEYS[event.key]);
   else if (event.key === "Home") next = drawn.order[0];
   else if (event.key === "End") next = drawn.order.at(-1);
-  else if (event.key === "Enter" || event.key === " ") choose(name);
+  else if (event.key === "Enter" || event.key === " ") choose(item);
   else return;
   event.preventDefault();
   if (next) {
-    drawn.boxes.get(next).element.focus({ preventScroll: true });
-    drawn.boxes.get(next).element.scrollIntoView({ block: "nearest", inline: "nearest" });
+    drawn.items.get(next).element.focus({ preventScroll: true });
+    drawn.items.get(next).element.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
 });
 
-/** Return the box that is next in a direction, "" if it is missing. */
-function nearest(name, dx, dy) {
-  const from = drawn.boxes.get(name).at;
+/** Return the node or topic that is next in a direction, "" if it is missing. */
+function nearest(item, dx, dy) {
+  const from = drawn.items.get(item).at;
   let best = "";
   let least = Infinity;
-  for (const [other, { at }] of drawn.boxes) {
+  for (const [other, { at }] of drawn.items) {
     const along = (at.x - from.x) * dx + (at.y - from.y) * dy;
     const across = Math.abs((at.x - from.x) * dy) + Math.abs((at.y - from.y) * dx);
-    if (other !== name && along > 1 && along + 2 * across < least) {
+    if (other !== item && along > 1 && along + 2 * across < least) {
       least = along + 2 * across;
       best = other;
     }
@@ -269,7 +284,7 @@ new ResizeObserver(() => {
   scale();
 }).observe(area);
 onFind(mark);
-onSelect(() => showGraph());
+onChoose(() => showGraph());
 load((message) => {
   failure = message;
   showGraph();

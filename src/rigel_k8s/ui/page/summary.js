@@ -47,10 +47,20 @@ function showBanner(cluster, release) {
 function showCounts(release) {
   const counts = Object.keys(STATES).filter((state) => release.counts?.[state]);
   const items = counts.map((state) =>
-    make("li", { class: state }, drawIcon(state), ` ${release.counts[state]} ${wordsOf(state)}`),
+    make("li", { class: state, title: wordsOf(state) }, drawIcon(state), ` ${release.counts[state]}`, make("span", {}, ` ${wordsOf(state)}`)),
   );
-  update(byId("counts"), items, release.counts ?? {});
+  if (update(byId("counts"), items, release.counts ?? {})) fitCounts();
 }
+
+/** Leave the words out, except for screen readers, where they have no room. */
+function fitCounts() {
+  const part = byId("counts");
+  const hide = (hidden) => part.querySelectorAll("span").forEach((words) => words.classList.toggle("hidden", hidden));
+  hide(false);
+  hide(part.scrollWidth > part.clientWidth);
+}
+
+new ResizeObserver(fitCounts).observe(byId("counts"));
 
 function showRollout(release) {
   const part = byId("rollout");

@@ -154,6 +154,7 @@ def healthy(deployed: Callable[..., str], watch: Watch) -> Troubled:
             "listener": node("listener", "", "/scan,/nobody"),
             "victim": wrap("victim", "/beat", ""),
         },
+        expect={"/scan": {"rate": "0.2.."}},
     )
     forgetful = deployed("forgetful", {"talker": node("talker", "/scan", "")}, gate=False)
     wanted = {sick: {"/sensor", "/listener", "/victim"}, forgetful: {"/talker"}}

@@ -55,6 +55,14 @@ def test_a_silent_topic_is_told_of(troubled: Troubled) -> None:
     assert [sample["value"][1] for sample in troubled.watch.now(up)] == ["1"]
 
 
+def test_a_topic_that_is_not_as_expected_is_told_of(troubled: Troubled) -> None:
+    """The silent one again: the Rigelfile has its rate."""
+    wanted = {"alertname": "RosTopicNotAsExpected", "namespace": troubled.sick}
+    (alert,) = until(lambda: raised(troubled, **wanted), "RosTopicNotAsExpected of /scan")
+    labels = {key: alert["metric"].get(key) for key in ("application", "topic", "expectation")}
+    assert labels == {"application": "sick", "topic": "/scan", "expectation": "rate"}
+
+
 def test_a_restarted_roscore_and_its_lost_nodes_are_told_of(troubled: Troubled) -> None:
     """One alert for the application: the master is new, and /talker is lost to it."""
     wanted = {"alertname": "RosMasterRestarted", "namespace": troubled.forgetful}

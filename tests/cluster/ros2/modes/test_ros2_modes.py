@@ -22,6 +22,8 @@ APART = {"placement": {"apart_from": ["talker_1"]}}
 LISTENER = {"args": ["listener.py"], **APART}
 NODES = {"talker_1": TALKER, "talker_2": TALKER, "listener": LISTENER}
 BOTH = {"talker_1", "talker_2"}
+#: Of programs on DDS or zenoh alone, of which no one can take over from another.
+ALONE = {"update": {"strategy": "Recreate"}}
 
 
 @pytest.fixture(scope="class")
@@ -68,9 +70,9 @@ class TestPeersOfCyclone:
     def test_both_talkers_are_heard_and_found_again(self, deployed: Deploy) -> None:
         """A talker that was rescheduled too."""
         nodes = {
-            "talker_1": {"args": ["cyclone.py", "talker"]},
-            "talker_2": {"args": ["cyclone.py", "talker"]},
-            "listener": {**LISTENER, "args": ["cyclone.py", "listener"]},
+            "talker_1": {**ALONE, "args": ["cyclone.py", "talker"]},
+            "talker_2": {**ALONE, "args": ["cyclone.py", "talker"]},
+            "listener": {**LISTENER, **ALONE, "args": ["cyclone.py", "listener"]},
         }
         release = deployed(network={"mode": "peers"}, middleware="cyclonedds", nodes=nodes)
         release.until_heard("listener", BOTH)
@@ -147,9 +149,9 @@ class TestHost:
 def by_router(deployed: Deploy, interop_image: str) -> Any:
     router = {"image": interop_image, "command": ["zenoh_node.py", "router"]}
     nodes = {
-        "talker_1": {"args": ["zenoh_node.py", "talker"]},
-        "talker_2": {"args": ["zenoh_node.py", "talker"]},
-        "listener": {**LISTENER, "args": ["zenoh_node.py", "listener"]},
+        "talker_1": {**ALONE, "args": ["zenoh_node.py", "talker"]},
+        "talker_2": {**ALONE, "args": ["zenoh_node.py", "talker"]},
+        "listener": {**LISTENER, **ALONE, "args": ["zenoh_node.py", "listener"]},
     }
     return deployed(network={"mode": "zenoh", **router}, nodes=nodes)
 
@@ -188,12 +190,13 @@ class TestHostNetwork:
         self, mode: str, deployed: Deploy, interop_image: str
     ) -> None:
         """In both directions, from machine to machine; `rigel status` finds nothing wrong."""
-        words, network = ["{}.py"], dict[str, Any](mode=mode)
+        words, network, more = ["{}.py"], dict[str, Any](mode=mode), dict[str, Any]()
         if mode == "zenoh":
+            more = ALONE
             words = ["zenoh_node.py", "{}"]
             network |= {"image": interop_image, "command": ["zenoh_node.py", "router"]}
-        talker = {"args": [word.format("talker") for word in words]}
-        listener = {"args": [word.format("listener") for word in words], **APART}
+        talker = {"args": [word.format("talker") for word in words], **more}
+        listener = {"args": [word.format("listener") for word in words], **APART, **more}
         nodes = {
             "talker_1": {**talker, "host_network": True},
             "talker_2": talker,

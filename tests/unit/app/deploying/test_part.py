@@ -9,24 +9,29 @@ import attrs
 import pytest
 
 from rigel_k8s.app.deploying.part import ApplicationPart
+from rigel_k8s.app.expectations import Expectation
 from rigel_k8s.app.options import RollbackOn
-from rigel_k8s.objects.scalars import Duration
+from rigel_k8s.objects.scalars import Duration, Range
+
+FAST = Range("8..12")
 
 
 @pytest.mark.parametrize(
-    ("asked", "limit"),
+    ("asked", "expected", "limit"),
     [
-        (None, None),
-        (RollbackOn(graph_worse=False), None),
-        (RollbackOn(graph_worse=True), 60.0),
-        (RollbackOn(graph_worse=True, within=Duration("2m")), 120.0),
+        (None, None, None),
+        (RollbackOn(graph_worse=False), Expectation(rate=FAST), None),
+        (None, Expectation(rate=FAST, otherwise="rollback"), 60.0),
+        (None, Expectation(gap=Duration("1s"), otherwise="rollback"), 70.0),
+        (RollbackOn(graph_worse=True), None, 60.0),
+        (RollbackOn(graph_worse=True, within=Duration("2m")), None, 120.0),
     ],
 )
 def test_the_graph_may_stay_worse_as_long_as_is_said(
-    asked: RollbackOn | None, limit: float | None
+    asked: RollbackOn | None, expected: Expectation | None, limit: float | None
 ) -> None:
-    """Without `rollback_on` forever; the documentation of `within` has the default."""
-    options = SimpleNamespace(rollback_on=asked)
+    """If nothing requests a rollback, forever; the documentation of `within` has the default."""
+    options = SimpleNamespace(rollback_on=asked, expect={"/scan": expected} if expected else {})
     part: Any = SimpleNamespace(prepared=SimpleNamespace(options=options))
     assert cast(Any, ApplicationPart.limit).fget(part) == limit
     assert "(default 60s)" in attrs.fields(RollbackOn).within.metadata["doc"]

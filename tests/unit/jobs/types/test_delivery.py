@@ -70,7 +70,7 @@ def pod(name: str, machine: str, *, ready: bool = True, **meta: Any) -> dict[str
     label = {"app.kubernetes.io/name": name.rsplit(".", 1)[0], "rigel-k8s/release": "demo"}
     return {
         "metadata": {"name": name, "labels": label, **meta},
-        "spec": {"nodeName": machine},
+        "spec": {"nodeName": machine, "containers": [{"name": "ros-node"}]},
         "status": {"conditions": [{"type": "Ready", "status": str(ready)}]},
     }
 
@@ -100,7 +100,7 @@ class FakeCluster:
         self.asked.append((namespace, labels))
         return self.pods
 
-    def run(self, namespace: str, pod: str, command: list[str]) -> Any:
+    def run(self, namespace: str, pod: str, command: list[str], *, container: str) -> Any:
         self.asked.append(command)
         self.nonce = command[-1]
         code, *self.codes = self.codes
@@ -114,7 +114,14 @@ class FakeCluster:
         return Result(code)
 
     def logs(
-        self, namespace: str, pod: str, *, follow: bool, since_seconds: int, cancel: threading.Event
+        self,
+        namespace: str,
+        pod: str,
+        container: str,
+        *,
+        follow: bool,
+        since_seconds: int,
+        cancel: threading.Event,
     ) -> Iterator[str]:
         yield from lines(*self.numbers, nonce=self.nonce)
         if not cancel.wait(20):

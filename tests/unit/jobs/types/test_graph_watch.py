@@ -17,7 +17,7 @@ from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import watching
+from rigel_k8s.rosgraph import idle, watching
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.rosgraph.watching import GraphWorse
 from rigel_k8s.settings import Application, Settings
@@ -52,7 +52,7 @@ class World:
     readings: int = 0
     stop_after: int = 0
 
-    def read_graph(self, cluster: Any, release: ReleaseId) -> RosGraph:
+    def read_graph(self, cluster: Any, release: ReleaseId, *, span: float) -> RosGraph:
         """Return the graph that the release's Deployments make."""
         assert (cluster, release) == (self.fake, RELEASE)
         self.readings += 1
@@ -83,14 +83,14 @@ class World:
             if "rigel-k8s/ros-name" in notes and item["spec"]["replicas"]:
                 yield item["metadata"]["name"], env, notes["rigel-k8s/ros-name"]
 
-    def deploy(self, *, distro: str = "noetic", **more: Any) -> None:
+    def deploy(self, *, distro: str = "noetic", now: bool = False, **more: Any) -> None:
         """Run the job, and forget what the report had before."""
         self.report.entries.clear()
         self.readings = 0
         raw = {"image": IMAGE, "nodes": self.nodes, **more}
         if distro == "noetic":
             raw["deploy_ros_master"] = False
-        where = Settings(namespace="n")
+        where = Settings(namespace="n", now=now)
         job = JobContext(
             "deploy", Application(distro), self.report, where, raw=raw, cancel=self.cancel
         )
@@ -101,17 +101,70 @@ class World:
 
 
 @pytest.fixture
-def world(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) -> World:
-    """A lidar and a planner that hears it, deployed."""
+def bare(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) -> World:
+    """A lidar and a planner that hears it, to be deployed."""
     made = World(fake, report, {"lidar": LIDAR, "planner": PLANNER})
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
     monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", made.read_graph)
     monkeypatch.setattr(watching, "PATIENCE", 0.5)
+    monkeypatch.setattr(watching, "MOMENT", 0.1)
     monkeypatch.setattr(watching, "AGAIN", 0.02)
     monkeypatch.setattr(discovery, "check", lambda *_: None)
-    made.deploy()
-    assert made.readings == 0, "there is nothing to compare a first deploy with"
     return made
+
+
+@pytest.fixture
+def world(bare: World) -> World:
+    """Both, deployed."""
+    bare.deploy()
+    assert bare.readings == 1, "there is nothing to compare a first deploy with"
+    assert bare.report.warnings == []
+    return bare
+
+
+def test_a_first_deploy_names_topics_that_do_not_fit(bare: World) -> None:
+    """The most common mistake in ROS; the deploy is good."""
+    bare.nodes["planner"] = {**PLANNER, "env": {"SUBSCRIBES": "/scann"}}
+    bare.deploy()
+    line = "/scann has no publisher; subscribed by /planner; is /scan meant, which is published?"
+    assert bare.report.warnings == [f"{line} [no-publisher]"]
+    assert bare.readings > 1, "nodes may need a moment"
+    assert bare.statuses() == ["good"]
+
+
+def test_a_first_graph_that_cannot_be_read_is_no_warning(bare: World) -> None:
+    """`rigel graph` reports why."""
+    bare.nodes["planner"] = {**PLANNER, "env": {"SUBSCRIBES": "/scann"}}
+    bare.failures = [ClusterError("no answer")]
+    bare.deploy()
+    assert bare.report.warnings == []
+
+
+def test_an_update_waits_until_the_robot_is_idle(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`update: {when: idle}`: without that nothing is changed, unless it is to be now."""
+    asked: list[tuple[ReleaseId, dict[str, float]]] = []
+
+    def list_busy(_: Any, release: ReleaseId, silent: dict[str, float]) -> list[str]:
+        asked.append((release, silent))
+        return ["/navigate has a goal"]
+
+    monkeypatch.setattr(idle, "list_busy", list_busy)
+    monkeypatch.setattr(idle, "AGAIN", 0.02)
+    when = {"when": "idle", "within": "1s", "silent": {"cmd_vel": "3s"}}
+    world.deploy(update=when)
+    assert asked == [], "no pod is replaced"
+    before = world.statuses()
+    world.nodes["planner"] = {**PLANNER, "args": "faster"}
+    with pytest.raises(ClusterError, match="not idle within 1 s: /navigate has a goal"):
+        world.deploy(update=when)
+    assert asked[0] == (RELEASE, {"/cmd_vel": 3.0})
+    assert (world.readings, world.statuses()) == (0, before)
+    asked.clear()
+    world.deploy(update=when, now=True)
+    assert asked == []
+    assert world.statuses() == ["superseded", *before]
 
 
 def test_an_unchanged_deploy_reads_nothing(world: World) -> None:
@@ -207,13 +260,29 @@ def test_a_graph_that_cannot_be_read_afterwards_is_a_warning(world: World) -> No
     assert world.statuses() == ["superseded", "good"]
 
 
-def test_zenoh_is_not_read(world: World) -> None:
+def test_zenoh_without_the_layer_is_not_read(world: World) -> None:
     """Its graph cannot be, so that a warning at each update would say nothing new."""
     release: Any = {"distro": "jazzy", "middleware": "zenoh", "deployment_name": "zenoh"}
+    release["rmw_layer"] = False
     for node in (LIDAR, DUMB):
         world.nodes = {"camera": node}
         world.deploy(**release)
         assert world.readings == 0
+
+
+def test_programs_without_ros_are_not_read(bare: World) -> None:
+    """They have no graph; it is read once a node of ROS was there before the update."""
+    release: Any = {"distro": "jazzy", "network": {"mode": "peers"}, "rmw_layer": False}
+    none = {"ros": "none", "args": ["serve"]}
+    for nodes, is_read in (
+        ({"web": none}, False),
+        ({"web": {**none, "args": ["v2"]}}, False),
+        ({"web": none, "lidar": LIDAR}, False),
+        ({"web": none, "lidar": DUMB}, True),
+    ):
+        bare.nodes = nodes
+        bare.deploy(**release)
+        assert bool(bare.readings) is is_read
 
 
 # Rolling back

@@ -77,6 +77,7 @@ def test_an_agent_may_deploy_into_its_namespace(run: Any, fake: FakeCluster) -> 
     [
         ({"plugin": "rigel_k8s.DockerfilePlugin"}, 'no orchestration job "deploy"'),
         ({"nodes": {"a": {"args": "a", "parameter_files": ["a.yaml"]}}}, "parameter_files"),
+        ({"nodes": {"a": {"args": "a", "files": {"/a": "a"}}}}, "has files"),
         ({"deployment_name": "muto-agent"}, "a kill would remove the agent"),
         ({"orchestration": {"nodes": {"a": {"parameter_files": ["a.yaml"]}}}}, "parameter_files"),
     ],

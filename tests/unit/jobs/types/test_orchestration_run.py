@@ -42,10 +42,11 @@ def run(
 ) -> Callable[..., None]:
     """Run a job on the fake: run(raw, distro="noetic", timeout=1)."""
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
+    monkeypatch.setattr(watching.GraphWatch, "report_misfits", lambda _: None)  # no pod answers
 
-    def call(raw: dict[str, Any], *, distro: str = "jazzy", **words: Any) -> None:
-        where = Settings(namespace="n", **words)
-        job = JobContext("deploy", Application(distro), report, where, raw=raw)
+    def call(raw: dict[str, Any], *, distro: str = "jazzy", data: Any = None, **words: Any) -> None:
+        where = Settings(**{"namespace": "n", **words})
+        job = JobContext("deploy", Application(distro), report, where, data or {}, raw=raw)
         OrchestrationJob().run(options(raw), job)
 
     return call
@@ -185,6 +186,25 @@ def test_a_first_deploy_that_fails_has_nothing_to_go_back_to(run: Any, fake: Fak
     with pytest.raises(RolloutFailed, match=r"there is no earlier good revision to go back to"):
         run(raw, distro="noetic", timeout=0.2, rollback_on_failure=True)
     assert "talker" in fake.names("Deployment")
+
+
+def test_the_commands_of_a_robots_hint_work_as_they_are_printed(
+    run: Any, fake: FakeCluster
+) -> None:
+    """The Rigelfile of a fleet alone does not have the namespace of one robot."""
+    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
+    fake.store.controllers = Controllers(unready)
+    hints = []
+    for words in ({"data": {"robot": "n"}, "namespace": None}, {"namespace": None}, {}):
+        with pytest.raises(RolloutFailed) as caught:
+            run({**raw, "namespace": "n"}, distro="noetic", timeout=0.2, **words)
+        hints.append(caught.value.hint)
+    of_robot = (
+        "`rigel logs talker --release rigel-k8s-application -n n` shows its output;"
+        " `rigel status rigel-k8s-application -n n` shows its state"
+    )
+    alone = "`rigel logs talker` shows its output; `rigel status` shows its state"
+    assert hints == [of_robot, alone, of_robot]
 
 
 def test_a_cancelled_job_ends_its_deploy(

@@ -85,6 +85,7 @@ def test_the_pod_passes_the_level_restricted(case: str) -> None:
         ({"twin_url": "ditto"}, "is not a URL"),
         ({"twin_url": "https://me:secret@ditto"}, "no password"),
         ({"twin_url": "https://ditto", "twin_user": "me"}, "twin_user needs twin_secret"),
+        ({"resources": {"limits": {"memory": 64}}}, "did you mean 64Mi?"),
         ({"twin_secret": "ditto"}, "twin_secret needs twin_url"),
     ],
 )

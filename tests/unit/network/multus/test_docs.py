@@ -42,9 +42,8 @@ def test_nodes_of_the_guide_are_not_missing() -> None:
     rigelfile: dict[str, dict[str, dict[str, object]]] = block("k3s.md")  # type: ignore[assignment]
     made = release(yaml.safe_dump(rigelfile["jobs"]["deploy"]["with"]), distro="jazzy")
     pods = [one["spec"]["template"] for one in made.objects if one["kind"] == "Deployment"]
-    talking = [
-        pod for pod in pods if pod["spec"]["containers"][0].get("args", [])[:2] == ["ros2", "topic"]
-    ]
+    lines = [pod["spec"]["containers"][0].get("args", []) for pod in pods]
+    talking = [pod for pod, line in zip(pods, lines, strict=True) if line[2:4] == ["ros2", "topic"]]
     assert len(talking) == 2
     assert not any("rigel-k8s/ros-name" in pod["metadata"]["annotations"] for pod in talking)
 

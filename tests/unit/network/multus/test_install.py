@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, cast
 
+import attrs
 import pytest
 
 from rigel_k8s.cli.network import options_of
@@ -26,7 +27,7 @@ from rigel_k8s.network.multus.installation import Installation, Presence
 from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
-from rigel_k8s.release import revisions
+from rigel_k8s.release import revisions, survey
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
 from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.release.types import DeployOptions
@@ -293,11 +294,16 @@ def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> No
     assert complete_options(cluster, Install()) == Install()
 
 
-def roll_out(fake: FakeCluster) -> Recorder:
-    """Install on a cluster whose machines are all still to come."""
+def multus_beside_theirs() -> MultusPart:
+    """Return the installation on a cluster on which others have installed whereabouts."""
     theirs = Presence((daemon_set("whereabouts", "whereabouts"),), ours=False)
     asked = Installation([Group(platform("plain"))], parts={"whereabouts": theirs})
-    part = MultusPart(desired=find_release(None, asked), installation=asked)
+    return MultusPart(desired=find_release(None, asked), installation=asked)
+
+
+def roll_out(fake: FakeCluster) -> Recorder:
+    """Install on a cluster whose machines are all still to come."""
+    part = multus_beside_theirs()
     report = Recorder()
     options = DeployOptions(report=report, timeout=5)
     part.write(fake, part.look(fake, adopt=False), options)
@@ -314,6 +320,29 @@ def test_an_unchanged_installation_says_nothing(monkeypatch: pytest.MonkeyPatch)
     assert "rigel-multus" in str(roll_out(fake).entries)
     ((_, _, line),) = roll_out(fake).entries  # of what others have installed
     assert line.startswith("whereabouts is already installed")
+
+
+def test_objects_that_another_deploy_has_just_written_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A look that meets another deploy's beginning, the old revisions and the new objects, does not
+    take them for an installation that is complete."""
+    nothing = MultusResult((), (), "", ours=True)
+    monkeypatch.setattr(installing, "prove_nodes", lambda *_: nothing)
+    fake = FakeCluster(Store(controllers=Controllers()))
+    meta = {"name": RELEASE.namespace}
+    fake.create({"apiVersion": "v1", "kind": "Namespace", "metadata": meta})
+    before = multus_beside_theirs()
+    objects = [one for one in before.desired.objects if one["kind"] != "DaemonSet"]
+    before.desired = attrs.evolve(before.desired, objects=objects)
+    before.write(fake, before.look(fake, adopt=False), DeployOptions(report=Recorder()))
+    old = revisions.records(fake, RELEASE)
+    assert old[-1].status == "good"
+    roll_out(fake)
+    part = multus_beside_theirs()
+    assert not part.changes(part.look(fake, adopt=False))
+    monkeypatch.setattr(survey, "records", lambda *_: old)
+    assert part.changes(part.look(fake, adopt=False))
 
 
 def test_a_killed_installation_is_completed_by_the_next(monkeypatch: pytest.MonkeyPatch) -> None:

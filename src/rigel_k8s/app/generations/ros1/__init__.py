@@ -112,11 +112,13 @@ def read_program() -> Mapping[str, str]:
     return program()
 
 
-def read_graph(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
+def read_graph(
+    cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
+) -> RosGraph:
     """Return the graph of the master."""
     from rigel_k8s.rosgraph.ros1 import read
 
-    return read(cluster, pods)
+    return read(cluster, pods, span)
 
 
 def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:

@@ -1,0 +1,159 @@
+"""A Docker Compose file as a draft: each service is a node, and the job has what they share."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rigel_import.compose.files import Project
+from rigel_import.compose.options import add_build, translate
+from rigel_import.compose.service import ALL_DISTROS, Service, read_services
+from rigel_import.compose.values import USED_VAR, Value
+from rigel_import.draft import Draft, Remark
+from rigel_k8s.distros import CURRENT
+from rigel_k8s.objects.text import join_words
+
+#: Values of RMW_IMPLEMENTATION that the job has an option for.
+MIDDLEWARE = "rmw_(fastrtps|cyclonedds|zenoh)_cpp"
+#: Top-level keys that are read elsewhere, or say nothing about the services.
+READ = ("services", "name", "version", "volumes")
+#: Further ones, and what takes their place.
+OTHERS = {
+    "include": "import the output of `docker compose config`, which has all services",
+    "networks": "nodes share the job's `network`",
+}
+
+
+def read(file: Path, directory: Path) -> Draft:
+    """Return the draft of a Compose file. Raises UserError if it is not one.
+
+    Args:
+        directory: that of the Rigelfile, where the paths in it begin.
+    """
+    project = Project(file)
+    services = read_services(project.services, project.variables, directory)
+    distro = choose_distro(services)
+    ros = ALL_DISTROS[distro]
+    kept = [one for one in services if one.ros in (None, ros) and not one.is_master]
+    options = share_ros([one for one in kept if one.ros], ros)
+    jobs: dict[str, dict[str, Any]] = {}
+    for service in kept:
+        translate(service, options.get("network", {}))
+        add_build(service, jobs)
+    options |= list_volumes(kept)
+    nodes = {one.key: one.options for one in kept}
+    used = set(USED_VAR.findall(json.dumps([nodes, options, jobs], ensure_ascii=False)))
+    values = {"registry": "registry.example/me", **project.variables.values}
+    remarks = [*explain_services(services, distro), *explain_others(project.content)]
+    remarks += explain_folders(kept)
+    remarks += [*project.variables.remarks, *(remark for one in kept for remark in one.remarks)]
+    return Draft(
+        name=project.content.get("name").text or file.resolve().parent.name,
+        distro=distro,
+        nodes=nodes,
+        options=options,
+        vars={name: value for name, value in values.items() if name in used},
+        jobs=jobs,
+        remarks=combine(remarks),
+    )
+
+
+def choose_distro(services: Sequence[Service]) -> str:
+    """Return the distribution that most services name, or a usual one if none does."""
+    counted = Counter(one.distro for one in services if one.distro).most_common(1)
+    has_ros1 = any(one.ros == "1" for one in services)
+    return counted[0][0] if counted else "noetic" if has_ros1 else CURRENT
+
+
+def share_ros(services: Sequence[Service], ros: str) -> dict[str, Any]:
+    """Return the options of the job that its ROS services have in common.
+
+    Variables that become options are removed from the services.
+    """
+    is_on_host = bool(services) and all(one.is_on_host for one in services)
+    if ros == "1":
+        return {"network": {"mode": "host"}} if is_on_host else {}
+    network: dict[str, Any] = {"mode": "host" if is_on_host else "peers" if services else "none"}
+    options: dict[str, Any] = {"network": network}
+    middleware = take_variable(services, "RMW_IMPLEMENTATION", MIDDLEWARE)
+    if middleware:
+        options["rmw"] = middleware
+    shares_memory = all(one.content.get("ipc").text == "host" for one in services)
+    if is_on_host and shares_memory and middleware in ("", "rmw_fastrtps_cpp"):
+        network["shared_memory"] = True
+    if domain := take_variable(services, "ROS_DOMAIN_ID", r"\d+"):
+        network["domain_id"] = int(domain)
+    return options
+
+
+def take_variable(services: Sequence[Service], name: str, pattern: str) -> str:
+    """Return the value of a variable that all services share, and remove it from them, or ""."""
+    values = {one.environment[name].text if name in one.environment else "" for one in services}
+    if len(values) != 1 or not re.fullmatch(pattern, value := values.pop()):
+        return ""
+    for service in services:
+        del service.environment[name]
+    return value
+
+
+def list_volumes(services: Sequence[Service]) -> dict[str, Any]:
+    """Return the persistent volumes that nodes mount, as an option of the job."""
+    mounts = (mount for one in services for mount in one.options.get("volumes", ()))
+    names = dict.fromkeys(mount["name"] for mount in mounts if "name" in mount)
+    return {"persistent_storage": {"volumes": [{"name": name} for name in names]}} if names else {}
+
+
+def explain_services(services: Sequence[Service], distro: str) -> Iterator[Remark]:
+    """Yield that the distribution is a guess, and which services become no node."""
+    if not any(one.distro for one in services):
+        message = f"nothing names a ROS distribution: set application.distro if not {distro}"
+        yield Remark(services[0].content.place, message)
+    for service in services:
+        if service.ros not in (None, ALL_DISTROS[distro]):
+            reason = f"it is ROS {service.ros}: give it a Rigelfile of its own"
+        elif service.is_master:
+            reason = "the release has a roscore of its own, called ros-master"
+        else:
+            continue
+        yield Remark(service.content.place, f"the service {service.name} is left out: {reason}")
+
+
+def explain_folders(services: Sequence[Service]) -> Iterator[Remark]:
+    """Yield the folders that several nodes mount, at the first of them."""
+    for path in dict.fromkeys(path for one in services for path in one.folders):
+        mounting = [one for one in services if path in one.folders]
+        if len(mounting) > 1:
+            names = join_words(one.key for one in mounting)
+            message = f"{names} mount {path}, so all of them restart when one of its files changes:"
+            place = mounting[0].folders[path]
+            yield Remark(place, f"{message} mount single files to restart one node only")
+
+
+def explain_others(content: Value) -> Iterator[Remark]:
+    """Yield what a file has beside its services and a Rigelfile does not."""
+    for key, value in content.entries().items():
+        if key not in READ and not key.startswith("x-"):
+            advice = OTHERS.get(key, "create what takes its place with kubectl")
+            yield Remark(value.place, f"`{key}` is not carried over: {advice}")
+    for name, volume in content.get("volumes").entries().items():
+        if volume.content:
+            message = f"the settings of the volume {name} are left out: set `storage_class`,"
+            yield Remark(volume.place, f"{message} `size` or `host_path` in persistent_storage")
+
+
+def combine(remarks: Sequence[Remark]) -> tuple[Remark, ...]:
+    """Return each remark once, at its first place, with the names of all nodes it is about."""
+    by_message: dict[str, list[Remark]] = {}
+    for one in sorted(remarks, key=lambda one: one.place):
+        by_message.setdefault(one.message, []).append(one)
+    combined = []
+    for first, *others in by_message.values():
+        nodes = dict.fromkeys(one.node for one in (first, *others) if one.node)
+        if len(nodes) > 1:
+            first = Remark(first.place, f"{join_words(nodes)}: {first.message}")
+        combined.append(first)
+    return tuple(combined)

@@ -1,0 +1,1 @@
+"""`rigel dev`: files are copied into a node's container, whose program then starts again."""

@@ -1,0 +1,1 @@
+"""`rigel join`: a program of this computer in an application's network."""

@@ -1,0 +1,216 @@
+"""`rigel join`: a pod's relay, and the program here that takes the pod's place in the network."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import FrameType
+from typing import BinaryIO, cast
+
+import attrs
+
+from rigel_k8s import signals
+from rigel_k8s.app.joining import NAME, SCRIPT, make_pod
+from rigel_k8s.commands.join import inside
+from rigel_k8s.commands.join.link import Link
+from rigel_k8s.commands.join.pod import asleep, find_deployment, remove_ended, running
+from rigel_k8s.commands.pods import check_script, pods_of
+from rigel_k8s.commands.targets import release
+from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.pods import SCRIPTS_PATH
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release.lease import name_user
+from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
+
+LOOK = 0.1  # seconds between two looks at what goes on
+#: Seconds in which the pod starts, and then its relay.
+START, ANSWER = 60.0, 60.0
+#: Seconds that a program has to end when its network has gone.
+LEAVE = 5.0
+WITHOUT_ROOT = (
+    "Ubuntu allows that to root alone: `sudo -E rigel join ...`, or"
+    " `sudo sysctl -w kernel.apparmor_restrict_unprivileged_userns=0`"
+)
+
+
+def join(
+    settings: Settings,
+    command: Sequence[str],
+    report: Reporter,
+    *,
+    like: str | None = None,
+    replaced: str | None = None,
+    job: str | None = None,
+) -> int:
+    """Run a program of this computer in a release's network, and return its exit code.
+
+    Args:
+        command: empty for a shell.
+        like: the node whose image and network the pod has; None for any.
+        replaced: a node that does not run meanwhile.
+
+    Raises:
+        UserError: this computer cannot, or there is no such node, or it has no network of its own.
+        ClusterError: the pod is refused or does not start, or the connection has ended.
+        RolloutFailed: the replaced node does not become ready again.
+    """
+    check_computer()
+    node = replaced or like
+    found = release(settings, job, [node] if node else [])
+    with found.cluster as cluster, ExitStack() as opened:
+        check_script(found, "join.py", "joined")
+        deployment = find_deployment(found, node)
+        if replaced and pods_of(found, replaced)[0].shared:
+            raise UserError(f"{replaced} shares its pod with other nodes, which would stop, too")
+        remove_ended(found)
+        pod = make_pod(deployment, f"{NAME}-{secrets.token_hex(4)}", by=name_user())
+        opened.enter_context(running(cluster, pod, settings.timeout or START, report))
+        if replaced:
+            options = DeployOptions.of(settings, report, threading.Event())
+            opened.enter_context(asleep(found, ref_of(deployment), replaced, options))
+        return Session(cluster, ref_of(pod), report).run(command)
+
+
+def check_computer() -> None:
+    """Raise UserError if this computer has no network namespaces or no interfaces for them."""
+    if sys.platform != "linux":
+        raise UserError(
+            "`rigel join` needs Linux, for a network namespace",
+            hint="run it in a container: docker run -it --privileged -v ~/.kube:/root/.kube ...",
+        )
+    if not shutil.which("unshare"):
+        raise UserError("unshare is not installed", hint="install util-linux")
+    if not Path("/dev/net/tun").exists():
+        raise UserError("there is no /dev/net/tun", hint="sudo modprobe tun")
+
+
+@attrs.frozen
+class Session:
+    """A pod, its relay, and the program here."""
+
+    cluster: Cluster
+    ref: ObjectRef
+    report: Reporter
+    link: Link = attrs.field(factory=Link)
+    errors: io.BytesIO = attrs.field(factory=io.BytesIO)
+    over: threading.Event = attrs.field(factory=threading.Event)
+
+    def run(self, command: Sequence[str]) -> int:
+        """Run the program, and return its exit code."""
+        threading.Thread(target=self.relay, daemon=True).start()
+        deadline = time.monotonic() + ANSWER
+        while not self.link.begun.wait(LOOK):
+            if self.over.is_set() or time.monotonic() > deadline:
+                said = self.errors.getvalue().decode("utf-8", "replace").strip().splitlines()
+                raise ClusterError("the pod's relay does not answer", details=said[-3:])
+        with tempfile.TemporaryDirectory(prefix="rigel-join-") as folder:
+            return self.run_inside(command, folder)
+
+    def relay(self) -> None:
+        """Run the relay in the pod until one side ends."""
+        place = self.ref.namespace or "", self.ref.name
+        line = ["/bin/sh", f"{SCRIPTS_PATH}/exec.sh", "python3", SCRIPT]
+        try:
+            with os.fdopen(self.link.stdin, "rb") as stdin:
+                self.cluster.exec(
+                    *place,
+                    line,
+                    stdin=stdin,
+                    stdout=cast(BinaryIO, self.link),
+                    stderr=self.errors,
+                    container=NAME,
+                )
+        except (RigelK8sError, OSError) as error:
+            self.errors.write(str(error).encode())
+        finally:
+            self.over.set()
+
+    def run_inside(self, command: Sequence[str], folder: str) -> int:
+        """Run the program in namespaces of its own."""
+        ours, theirs = socket.socketpair()
+        words = [*enter(), sys.executable, "-I", inside.__file__, str(theirs.fileno())]
+        program = [*back(), *(command or [os.environ.get("SHELL", "/bin/sh")])]
+        with ours, theirs:
+            child = subprocess.Popen([*words, *program], pass_fds=[theirs.fileno()])
+            theirs.close()
+            interfaces = self.hand_over(ours, folder)
+            if not interfaces:
+                child.wait()
+                raise UserError("no network namespace could be made here", hint=WITHOUT_ROOT)
+            return self.attend(child, ours, interfaces)
+
+    def hand_over(self, ours: socket.socket, folder: str) -> list[int]:
+        """Describe the pod's network, and return the descriptors of its interfaces here."""
+        try:
+            ours.sendall(json.dumps({**self.link.network, "here": folder}).encode() + b"\n")
+            _, interfaces, _, _ = socket.recv_fds(ours, 1, 16)
+        except OSError:
+            return []
+        return list(interfaces)
+
+    def attend(
+        self, child: subprocess.Popen[bytes], ours: socket.socket, interfaces: list[int]
+    ) -> int:
+        """Let the program run, carry its frames, and return its exit code."""
+
+        def end(number: int, _: FrameType | None) -> None:
+            # A terminal sends Ctrl-C to the program, too, where it may mean a part of it only.
+            if number == signal.SIGTERM or not sys.stdin.isatty():
+                child.send_signal(number)
+
+        signals.handle(end)
+        carrying = threading.Thread(target=self.link.carry, args=(interfaces,), daemon=True)
+        carrying.start()
+        addresses = ", ".join(
+            f"{one['address']} ({one['name']})" for one in self.link.network["interfaces"]
+        )
+        self.report.line(f"joined as {addresses}")
+        ours.sendall(b".")
+        while (code := poll(child)) is None:
+            if self.over.is_set():
+                child.terminate()
+                if poll(child, LEAVE) is None:
+                    child.kill()
+                raise ClusterError("the connection to the pod has ended")
+        self.link.end()
+        carrying.join(LEAVE)
+        for interface in interfaces:
+            os.close(interface)
+        return code if code >= 0 else 128 - code
+
+
+def poll(child: subprocess.Popen[bytes], seconds: float = LOOK) -> int | None:
+    """Return the exit code of a program as soon as it has ended, None if it runs on."""
+    try:
+        return child.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def enter() -> list[str]:
+    """Return the program that makes the namespaces."""
+    user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    return ["unshare", *user, "--net", "--mount", "--"]
+
+
+def back() -> list[str]:
+    """Return the program that makes the user the one they were; root needs none."""
+    if os.geteuid() == 0:
+        return []
+    return ["unshare", "--user", f"--map-user={os.getuid()}", f"--map-group={os.getgid()}", "--"]

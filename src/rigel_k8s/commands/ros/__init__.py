@@ -1,0 +1,1 @@
+"""What is seen and set of ROS in the running pods of a release."""

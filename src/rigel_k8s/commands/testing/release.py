@@ -1,0 +1,154 @@
+"""The tests of one release: what is expected of its topics, and its nodes of `kind: test`."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import attrs
+
+from rigel_exporter.expecting import BROKEN, OK, UNKNOWN, Expected
+from rigel_k8s.app.deploying.results import copy_out
+from rigel_k8s.app.testing import READER, RESULTS, TEST_ANNOTATION, make_test_pod
+from rigel_k8s.commands.expect import compare, read_expected
+from rigel_k8s.commands.targets import Release
+from rigel_k8s.commands.testing.collecting import save_log
+from rigel_k8s.commands.testing.results import LOGS, Result, State, name_folder
+from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NODE_ANNOTATION
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.rollout.causes import containers, explain_exit, explain_pod
+from rigel_k8s.release.rollout.patience import Ledger, Patience
+from rigel_k8s.report import Reporter
+
+#: Seconds between two looks at a test that runs.
+LOOK = 0.5
+STATES: dict[str, State] = {OK: "passed", BROKEN: "failed", UNKNOWN: "unknown"}
+
+
+@attrs.frozen
+class ReleaseTests:
+    """The tests of one release.
+
+    Attributes:
+        folder: where their logs and files go.
+        results: of those that have ended, by name; of a topic the worse one.
+    """
+
+    found: Release
+    report: Reporter
+    within: float
+    folder: Path
+    cancel: threading.Event
+    results: dict[str, Result] = attrs.field(factory=dict)
+
+    def run(self) -> None:
+        """Note whether its topics are as expected, before and after its tests, and those."""
+        expected, tests = read_expected(self.found), self.list_tests()
+        self.results.update((one.name, one) for one in self.compare(expected, self.within))
+        for deployment in tests:
+            ended = self.run_test(deployment)
+            self.results[ended.name] = ended
+        for one in self.compare(expected, 0.0) if tests else []:
+            if one.state == "failed":
+                self.results[one.name] = one
+
+    def compare(self, expected: Mapping[str, Expected], wait: float) -> list[Result]:
+        """Return whether its topics are as expected; they may take `wait` seconds to become so."""
+        if not expected:
+            return []
+        self.report.line(f"{self.found.id.name}: comparing its topics with `expect`")
+        verdicts = compare(self.found, expected, wait, self.cancel).verdicts
+        if self.cancel.is_set():
+            raise Interrupted("interrupted while topics were compared with `expect`")
+        return [
+            Result(
+                self.found.id.name,
+                f"{one.topic}: {one.finding.what}",
+                STATES[one.finding.state],
+                message=one.line if one.broken else "",
+            )
+            for one in verdicts
+        ]
+
+    def list_tests(self) -> list[Manifest]:
+        """Return the Deployments of its tests, by name."""
+        found, (namespace, name) = self.found, attrs.astuple(self.found.id)
+        labels = {RELEASE_LABEL: name}
+        return [
+            one
+            for one in found.cluster.list("apps/v1", "Deployment", namespace, labels=labels)
+            if TEST_ANNOTATION in (one["metadata"].get("annotations") or {})
+        ]
+
+    def run_test(self, deployment: Manifest) -> Result:
+        """Run a test to its end."""
+        cluster, pod = self.found.cluster, make_test_pod(deployment)
+        ref, container = ref_of(pod), pod["spec"]["containers"][0]["name"]
+        name = deployment["metadata"]["annotations"][NODE_ANNOTATION]
+        started = time.monotonic()
+        self.report.progress(name, "runs")
+        cluster.create(pod)
+        try:
+            message = self.wait(ref, container)
+            seconds = time.monotonic() - started
+            log = save_log(self.found, ref.name, container, self.folder / LOGS)
+            self.fetch_files(ref, self.folder / name_folder(name))
+        finally:
+            cluster.delete(ref, grace_seconds=0)
+        self.report.progress(name, "" if message else "passed", done=True)
+        if message:
+            self.report.line(f"{name} has failed: {message}")
+        state: State = "failed" if message else "passed"
+        return Result(self.found.id.name, name, state, seconds, message, log)
+
+    def wait(self, ref: ObjectRef, container: str) -> str:
+        """Return why a test has not passed, "" if it has."""
+        ledger, deadline = Ledger(Patience()), time.monotonic() + self.within
+        while not self.cancel.wait(LOOK):
+            live, now = self.found.cluster.get(ref), time.monotonic()
+            if live is None:
+                return "its pod was deleted"
+            own = find_container(live, container)
+            if in_state(own, "terminated"):
+                cause = next(explain_exit(ref.name, own), None)
+                return cause.message if cause else ""
+            causes = []
+            if not in_state(own, "running"):
+                causes = list(explain_pod(live, self.found.cluster.events(live)))
+            ledger.note(now, [(ref, cause) for cause in causes], others_coming=False)
+            if hopeless := next(ledger.find_hopeless(now), None):
+                return hopeless.cause.message
+            if now > deadline:
+                why = f": {causes[0].message}" if causes else ""
+                return f"it has not ended within {self.within:g} s{why}"
+        raise Interrupted(f"interrupted while the test {ref.name} ran")
+
+    def fetch_files(self, ref: ObjectRef, folder: Path) -> None:
+        """Copy what a test has written to RESULTS into a folder, if it has begun."""
+        live = self.found.cluster.get(ref)
+        if live is None or not in_state(find_container(live, READER), "running"):
+            return
+        place = (ref.namespace, ref.name, READER)
+        try:
+            copy_out(self.found.cluster, place, (PurePosixPath(RESULTS), "."), folder)
+        except RigelK8sError as error:
+            self.report.warn(f"{ref.name}: its files were not fetched: {error.message}")
+        with suppress(OSError):
+            folder.rmdir()  # it has written nothing
+
+
+def find_container(pod: Manifest, name: str) -> Mapping[str, Any]:
+    """Return the status of a pod's container, empty before it has one."""
+    found = containers(pod.get("status") or {})
+    return next((one for one in found if one["name"] == name), {})
+
+
+def in_state(container: Mapping[str, Any], state: str) -> bool:
+    """Return whether a container is waiting, running or terminated."""
+    return state in (container.get("state") or {})

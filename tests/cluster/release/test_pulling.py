@@ -1,0 +1,81 @@
+"""An update by Recreate pulls an image that the machine does not have while the old pod runs."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.objects.marks import PULL_LABEL
+from rigel_k8s.release.deploy import history
+from rigel_k8s.release.rollout.patience import Patience
+from tests.support.larger import push_larger
+from tests.support.releases import deploy
+
+from ..conftest import pod_uids
+
+pytestmark = pytest.mark.cluster
+
+
+def test_the_image_is_there_before_the_old_pod_ends(
+    admin: Any, cluster: Any, make: Any, report: Any
+) -> None:
+    """By the order of what happens to pods; the new pod has nothing to pull."""
+    machine = admin.nodes()[0]["metadata"]["labels"]["kubernetes.io/hostname"]
+    pinned = {"nodeSelector": {"kubernetes.io/hostname": machine}}
+    deploy(make.desired(make.deployment(pod=pinned)), cluster, report=report)
+    (old,) = pod_uids(cluster, make.namespace).values()
+    image = push_larger(make.image, 64)
+    seen: list[str] = []
+    over, listed = threading.Event(), threading.Event()
+
+    def follow() -> None:
+        watch = admin.watch(
+            "v1", "Pod", make.namespace, seconds=120, cancel=over, listed=listed.set
+        )
+        for event in watch:
+            seen.extend(describe(event.object, old))
+
+    thread = threading.Thread(target=follow)
+    thread.start()
+    try:
+        assert listed.wait(30)
+        deploy(make.desired(make.deployment(image=image, pod=pinned)), cluster, report=report)
+    finally:
+        over.set()
+        thread.join()
+    assert list(dict.fromkeys(seen)) == ["pulled", "old pod ends"]
+    node = admin.nodes()[0]["metadata"]["name"]
+    assert [state for state in report.states if state[0] == node] == [
+        (node, f"pulls {image} before the update", False),
+        (node, f"has pulled {image}", True),
+    ]
+    (new,) = pod_uids(cluster, make.namespace).values()
+    events = admin.events({"metadata": {"uid": new, "namespace": make.namespace}})
+    (message,) = (event["message"] for event in events if event["reason"] == "Pulled")
+    assert "already present" in message
+
+
+def describe(pod: Any, old: str) -> list[str]:
+    """Return what has happened to the old pod, or to one that pulls."""
+    if pod["metadata"]["uid"] == old:
+        return ["old pod ends"] if pod["metadata"].get("deletionTimestamp") else []
+    states = pod["status"].get("containerStatuses") or []
+    pulls = PULL_LABEL in pod["metadata"]["labels"]
+    return ["pulled"] if pulls and any(one["imageID"] for one in states) else []
+
+
+def test_an_image_that_cannot_be_pulled_ends_no_pod(
+    cluster: Any, make: Any, report: Any, registry: str
+) -> None:
+    """The old one runs on, and nothing of the failed update is left."""
+    deploy(make.desired(make.deployment()), cluster, report=report)
+    before = pod_uids(cluster, make.namespace)
+    absent = make.deployment(image=f"{registry}/rigel-k8s/absent:1")
+    with pytest.raises(ClusterError, match=r"still runs \(revision 1\); talker on .* not found"):
+        deploy(make.desired(absent), cluster, report=report, patience=Patience(image=0.0))
+    assert pod_uids(cluster, make.namespace) == before
+    assert not cluster.list("v1", "Pod", make.namespace, labels=PULL_LABEL)
+    assert [one.status for one in history(cluster, make.release)] == ["good"]

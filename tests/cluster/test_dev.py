@@ -1,0 +1,171 @@
+"""`rigel dev` on a real cluster: changed files run in the same pod; afterwards all is as before."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.objects.refs import ObjectRef
+
+from ..support.until import until
+from .background import Background
+from .conftest import Rigel, pod_uids, write_idle
+
+pytestmark = pytest.mark.cluster
+
+#: Prints a file's content at its start, and the pod's own text without one.
+PROGRAM = 'echo "runs $(cat /app/text || echo release)"; while :; do sleep 1; done'
+
+
+class World:
+    """A release of two nodes, and `rigel dev` for one of them."""
+
+    def __init__(self, cluster: Any, namespace: str, place: list[str], folder: Path) -> None:
+        self.cluster, self.namespace, self.place, self.folder = cluster, namespace, place, folder
+        self.source = folder / "src"
+        self.source.mkdir()
+
+    def start(self, *command: str) -> Background:
+        """Start `rigel dev motor`, and wait until the first copy runs."""
+        self.save("one")
+        words = ["-f", str(self.folder / "Rigelfile"), *self.place, "dev", "motor"]
+        sync = ["--sync", f"{self.source}:/app"]
+        last = ["--", *command] if command else []
+        running = Background([sys.executable, "-m", "rigel_k8s", *words, *sync, *last])
+        self.expect(running, "runs one")
+        return running
+
+    def save(self, text: str) -> None:
+        """Write the file that the program prints."""
+        (self.source / "text").write_text(text)
+
+    def expect(self, running: Background, pattern: str) -> None:
+        """Wait for a line."""
+        until(lambda: running.found(pattern), pattern, 240, last_words=lambda: running.lines)
+
+    def pods(self) -> dict[str, str]:
+        """Return the UIDs of the pods, by the names of their nodes."""
+        return pod_uids(self.cluster, self.namespace)
+
+    def deployment(self) -> dict[str, Any]:
+        """Return the node's Deployment without what Kubernetes counts in it."""
+        live = self.cluster.get(ObjectRef("apps/v1", "Deployment", self.namespace, "motor"))
+        notes = dict(live["metadata"]["annotations"])
+        notes.pop("deployment.kubernetes.io/revision")
+        return {"spec": live["spec"], "annotations": notes, "labels": live["metadata"]["labels"]}
+
+    def status(self, rigel: Rigel) -> str:
+        """Return what `rigel status` shows, also while a pod is not ready."""
+        return rigel("status", cwd=self.folder, check=False).stdout
+
+    def logs_of(self, rigel: Rigel) -> str:
+        """Return what the node has printed in its present pod."""
+        return rigel("logs", "motor", cwd=self.folder).stdout
+
+
+@pytest.fixture
+def world(
+    rigel_as_deployer: Rigel,
+    deployer_config: Path,
+    context: str,
+    cluster: Any,
+    namespace: str,
+    registry: str,
+    tmp_path: Path,
+) -> World:
+    """The release, deployed with the deployer's rights."""
+    nodes = {"motor": {"command": ["sh", "-c", PROGRAM]}, "other": {}}
+    write_idle(tmp_path, namespace, registry, nodes)
+    rigel_as_deployer("run", "job", "deploy", cwd=tmp_path)
+    place = ["--kubeconfig", str(deployer_config), "--context", context]
+    return World(cluster, namespace, place, tmp_path)
+
+
+def test_a_saved_file_runs_in_the_same_pod(world: World, rigel_as_deployer: Rigel) -> None:
+    """The other node is untouched; Ctrl-C brings the release back, and the files are gone."""
+    before, deployed = world.pods(), world.deployment()
+    running = world.start()
+    developed = world.pods()
+    assert developed["other"] == before["other"]
+    assert developed["motor"] != before["motor"]
+
+    (world.source / "sub").mkdir()
+    (world.source / "sub" / "late").write_text("x")
+    (world.source / ".git").mkdir()
+    (world.source / ".git" / "index").write_text("x")
+    world.save("two")
+    world.expect(running, "runs two")
+    assert list_files(rigel_as_deployer, world) == ["/app/sub/late", "/app/text"]
+    (world.source / "sub" / "late").unlink()
+    world.expect(running, "0 files copied, 1 removed")
+    until(lambda: list_files(rigel_as_deployer, world) == ["/app/text"], "end of the file", 120)
+    assert world.pods() == developed
+    assert "in development by" in world.status(rigel_as_deployer)
+
+    second = rigel_as_deployer(
+        "dev", "motor", "--sync", f"{world.source}:/app", cwd=world.folder, check=False
+    )
+    assert second.returncode == 2
+    assert "motor is in development by" in second.stderr
+
+    assert running.interrupt() == 130
+    assert world.deployment() == deployed
+    after = world.pods()
+    assert after["other"] == before["other"]
+    assert after["motor"] != developed["motor"]
+    assert "runs release" in world.logs_of(rigel_as_deployer)
+    assert "in development" not in world.status(rigel_as_deployer)
+    assert rigel_as_deployer("diff", cwd=world.folder).stdout == ""
+
+
+def list_files(rigel: Rigel, world: World) -> list[str]:
+    """Return the files in the container."""
+    found = rigel("exec", "motor", "--", "find", "/app", "-type", "f", cwd=world.folder)
+    return sorted(found.stdout.split())
+
+
+def test_a_command_that_fails_keeps_the_program(world: World, rigel_as_deployer: Rigel) -> None:
+    """Its output is shown, and the next change tries again; SIGTERM ends the session, too."""
+    running = world.start("sh", "-c", "! grep broken /app/text")
+    world.save("broken")
+    world.expect(running, "sh has ended with exit code 1")
+    assert running.found("^broken$")
+    assert not running.found("runs broken")
+    world.save("three")
+    world.expect(running, "runs three")
+    assert not running.found("runs broken")
+    assert running.interrupt(signal.SIGTERM) == 143
+    assert "runs release" in world.logs_of(rigel_as_deployer)
+
+
+def test_a_killed_session_is_put_right_by_the_next_run(
+    world: World, rigel_as_deployer: Rigel
+) -> None:
+    """Until then `status` names it; a second session takes its place."""
+    deployed = world.deployment()
+    first = world.start()
+    first.interrupt(signal.SIGKILL)
+    second = world.start()
+    second.interrupt(signal.SIGKILL)
+    assert "motor is in development by" in world.status(rigel_as_deployer)
+    rigel_as_deployer("run", "job", "deploy", cwd=world.folder)
+    assert world.deployment() == deployed
+    assert "in development" not in world.status(rigel_as_deployer)
+    assert "runs release" in world.logs_of(rigel_as_deployer)
+
+
+def test_a_deploy_by_another_process_ends_the_session(
+    world: World, rigel_as_deployer: Rigel
+) -> None:
+    """It says why, and leaves alone what the other one has deployed."""
+    deployed = world.deployment()
+    running = world.start()
+    rigel_as_deployer("run", "job", "deploy", cwd=world.folder)
+    pods = world.pods()
+    world.expect(running, "another process has deployed motor")
+    assert running.interrupt() == 1
+    assert (world.pods(), world.deployment()) == (pods, deployed)

@@ -1,0 +1,97 @@
+"""The layer, a middleware in memory and a node that tests drive by lines of text."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import attrs
+
+import rigel_rmw
+from rigel_inpod.rmw_notes import Notes
+
+PROGRAMS = Path(__file__).parents[1] / "unit/rmw/programs"
+LAYER = Path(rigel_rmw.__file__).parent / "layer.c"
+WARNINGS = ("-std=gnu11", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-g")
+LIBRARY = ("-fPIC", "-shared", "-fvisibility=default")
+#: Of hatch_build.py.
+LAYER_WORDS = ("-O2", "-fexceptions", "-fPIC", "-shared", "-fvisibility=hidden")
+
+
+def compile_c(out: Path, *words: str | Path, target: str = "") -> Path:
+    """Compile with the machine's compiler, else with that of PyPI, which knows other machines."""
+    compiler = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
+    if not target and (found := shutil.which("cc")):
+        compiler = [found]
+    line = [*compiler, *WARNINGS, *map(str, words), "-o", str(out), "-ldl", "-lpthread"]
+    done = subprocess.run(line, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+@attrs.frozen
+class Built:
+    """What runs: `main` with its arguments, before which `preload` is loaded."""
+
+    main: tuple[Path, ...]
+    preload: Path | None
+    options: dict[str, str] = attrs.Factory(dict)
+
+
+def build(room: Path, *fake: str, linked: bool = False, target: str = "") -> Built:
+    """Build the layer, the middleware (`fake`: words for it) and the node; they stay together."""
+    compiled = partial(compile_c, target=target)
+    layer = compiled(room / "layer.so", *LAYER_WORDS, LAYER)
+    compiled(room / "librmw_fake.so", *LIBRARY, *fake, PROGRAMS / "fake.c")
+    beside = (f"-L{room}", "-lrmw_fake", "-Wl,-rpath,$ORIGIN")
+    if linked:
+        sources = (PROGRAMS / "main.c", PROGRAMS / "client.c")
+        main = compiled(room / "main", "-DLINKED", *sources, *beside)
+        return Built((main,), layer)
+    allowed = ("-Wl,--unresolved-symbols=ignore-all",) if fake else ()
+    client = compiled(room / "client.so", *LIBRARY, PROGRAMS / "client.c", *beside, *allowed)
+    return Built((compiled(room / "main", PROGRAMS / "main.c"), client), layer)
+
+
+@attrs.define
+class Node:
+    """A running node; `notes` are its container's."""
+
+    process: subprocess.Popen[str]
+    directory: Path
+    _notes: Notes | None = None
+
+    @property
+    def notes(self) -> Notes:
+        """What its keeper has; opened once, since it stays open."""
+        if self._notes is None:
+            self._notes = Notes(str(self.directory))
+        return self._notes
+
+    def do(self, line: str) -> str:
+        """Let it do something, and return its answer."""
+        self.send(line)
+        assert self.process.stdout
+        answer = self.process.stdout.readline()
+        assert answer, f"the node has ended at {line!r} with {self.process.wait()}"
+        return answer.rstrip("\n")
+
+    def send(self, line: str) -> None:
+        """Let it do something that it does not answer."""
+        assert self.process.stdin
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def entity(self, name: str) -> dict[str, object]:
+        """What its notes say of an entity."""
+        found = [one for p in self.notes.processes() for one in p.entities if one.name == name]
+        return dict(found[0]._asdict())
+
+
+def name(node: Node) -> Node:
+    """Give a process its node `/n`."""
+    node.do("node n /")
+    return node

@@ -1,0 +1,80 @@
+"""A device that does not exist is an error on its machine; without a type it would be made."""
+
+from __future__ import annotations
+
+import pytest
+
+from .shapes import release
+
+TYPES = {
+    "CharDevice": (
+        "/dev/nul",
+        "/dev/ttyUSB0",
+        "/dev/serial/by-id/usb-FTDI_A601-if00-port0",
+        "/dev/v4l/by-id/usb-Camera-index0",
+        "/dev/bus/usb/001/002",
+        "/dev/dri/card0",
+        "/dev/net/tun",
+        "/dev/mapper/control",
+        "/dev/sg0",
+        "/dev/nvme0",
+        "/dev/mmcblk0rpmb",
+        "/dev/loop-control",
+        "/robot/arm",
+    ),
+    "BlockDevice": (
+        "/dev/sda",
+        "/dev/sdb1",
+        "/dev/vda",
+        "/dev/nvme0n1p2",
+        "/dev/mmcblk0p1",
+        "/dev/loop0",
+        "/dev/dm-0",
+        "/dev/sr0",
+        "/dev/disk/by-id/usb-Stick",
+        "/dev/mapper/data",
+    ),
+    "Directory": (
+        "/dev",
+        "/dev/dri",
+        "/dev/snd",
+        "/dev/input/by-id",
+        "/dev/bus/usb",
+        "/dev/bus/usb/001",
+        "/dev/shm",
+        "/dev/serial",
+        "/dev/v4l/by-id",
+        "/dev/disk/by-uuid",
+        "/dev/mapper",
+        "/dev/net",
+        "/dev/pts",
+        "/dev/robot/",
+    ),
+}
+
+
+def host_path(text: str) -> dict[str, str]:
+    """Return the hostPath of a node's one device or volume."""
+    made = release(f"{{image: a, ros: '2', nodes: {{n: {{args: x, {text}}}}}}}")
+    [node] = [one for one in made.objects if one["kind"] == "Deployment"]
+    volumes = node["spec"]["template"]["spec"]["volumes"]
+    [found] = [one["hostPath"] for one in volumes if "hostPath" in one]
+    return dict(found)
+
+
+@pytest.mark.parametrize(("kind", "path"), [(k, path) for k in TYPES for path in TYPES[k]])
+def test_a_device_is_of_the_kind_that_its_path_means(kind: str, path: str) -> None:
+    """The kubelet refuses any other, and a directory that the runtime would make."""
+    assert host_path(f"devices: [{path}]") == {"path": path, "type": kind}
+
+
+def test_a_device_elsewhere_in_the_container_has_the_type_of_its_machine() -> None:
+    """Where the container sees it does not matter."""
+    found = host_path("devices: [{path: /dev/video2, mount_path: /dev/snd}]")
+    assert found == {"path": "/dev/video2", "type": "CharDevice"}
+
+
+def test_a_directory_of_the_machine_may_be_made() -> None:
+    """A volume's `host_path` has no type."""
+    found = host_path("volumes: [{host_path: /dev/a, mount_path: /a}]")
+    assert found == {"path": "/dev/a"}

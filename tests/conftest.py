@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import pytest
 
 pytest.register_assert_rewrite("tests.support")  # before it is imported
 
-from .lanes import AFTER, RULES, Lanes, lane_of, turn_of  # noqa: E402
+from .lanes import AFTER, Lanes, lane_of, turn_of  # noqa: E402
+from .proof import is_proof  # noqa: E402
 from .skips import find_unexpected  # noqa: E402
 from .support import shared  # noqa: E402
 
@@ -28,7 +30,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--all",
         action="store_true",
-        help="also run the tests that are slow by nature (marked `slow`)",
+        help="also run the tests that are marked `slow` or `timing`",
+    )
+    parser.addoption(
+        "--again",
+        type=Path,
+        help="run the tests whose ids this JSON file lists; of a story also those before",
     )
 
 
@@ -59,16 +66,45 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Lanes:
 
 @pytest.hookimpl(tryfirst=True)  # pytest itself puts tests together that share a cluster
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is slow, order the lanes, and let the first test of each wait for builds."""
+    """Leave out what is not requested, order the lanes, let the first of each wait for builds."""
+    for item in filter(lambda item: is_proof(item.nodeid), items):
+        item.add_marker(pytest.mark.proof)
     if not config.getoption("--all"):
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
-    items.sort(key=lambda item: turn_of(item.nodeid, built=shared.built()))
+        keep(config, items, lambda item: not is_long(item))
+    if again := config.getoption("--again"):
+        wanted = find_repeated(items, json.loads(again.read_text()))
+        keep(config, items, lambda item: item.nodeid in wanted)
+    items.sort(key=lambda item: turn_of(item.nodeid))
     firsts = {lane_of(item.nodeid): item for item in reversed(items)}
     for item in firsts.values():
-        if item.get_closest_marker("cluster") or item.nodeid.startswith(RULES):
+        if item.get_closest_marker("cluster"):
             item.add_marker(pytest.mark.timeout(shared.BUILDS))
+
+
+def keep(
+    config: pytest.Config, items: list[pytest.Item], wanted: Callable[[pytest.Item], bool]
+) -> None:
+    """Leave out the other tests."""
+    config.hook.pytest_deselected(items=[item for item in items if not wanted(item)])
+    items[:] = filter(wanted, items)
+
+
+def is_long(item: pytest.Item) -> bool:
+    """Return whether a test runs with `--all` only."""
+    return bool(item.get_closest_marker("slow") or item.get_closest_marker("timing"))
+
+
+def find_repeated(items: Iterable[pytest.Item], failed: Collection[str]) -> set[str]:
+    """Return the ids of failed tests, and of the tests of a story that come before one."""
+    wanted = set(failed)
+    stories: dict[str, list[str]] = {}
+    for item in items:
+        if item.get_closest_marker("story"):
+            told = stories.setdefault(lane_of(item.nodeid), [])
+            told.append(item.nodeid)
+            if item.nodeid in wanted:
+                wanted.update(told)
+    return wanted
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

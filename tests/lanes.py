@@ -35,8 +35,6 @@ LANES = {
 AFTER = dict.fromkeys(("boards", "exporter", "reading", "operator"), "stack")
 #: What begins while the shared cluster starts; what needs no cluster and fills the gaps at the end.
 FIRST, LAST = "tests/unit/", ("tests/ros1/", "tests/ros2/")
-#: These want promtool and the observability stack, which are built late.
-RULES, STACK = "tests/unit/observability/boards/", "tests/cluster/observability/"
 
 
 class Lanes(LoadScopeScheduling):
@@ -56,17 +54,11 @@ def start_of(nodeid: str) -> str:
     return max(filter(nodeid.startswith, LANES), key=len, default="")
 
 
-def turn_of(nodeid: str, *, built: bool) -> tuple[int, int]:
-    """Return when a test's turn is: the smaller, the earlier.
-
-    While programs are still to be built, what needs none of them comes first.
-    """
-    if nodeid.startswith(RULES):
-        return (0 if built else 3, 0)
+def turn_of(nodeid: str) -> tuple[int, int]:
+    """Return when a test's turn is: the smaller, the earlier."""
     if nodeid.startswith(FIRST):
         return (0, 0)
     if nodeid.startswith(LAST):
-        return (2 if built else 0, 1)
+        return (2, 0)
     starts = list(LANES)
-    place = starts.index(start) if (start := start_of(nodeid)) else len(starts)
-    return (1 if built or not nodeid.startswith(STACK) else 2, place)
+    return (1, starts.index(start) if (start := start_of(nodeid)) else len(starts))

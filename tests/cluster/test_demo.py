@@ -16,7 +16,7 @@ import pytest
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.takeovers import assert_took_over, longest_gap
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.story]
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ros1-talker-listener"
 Demo = Callable[..., subprocess.CompletedProcess[str]]

@@ -21,7 +21,7 @@ from .conftest import own_namespace
 from .rights import grant_role, write_impersonation
 from .robot import Robot
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.story]
 
 VIEWER = "rigel-test-viewer"
 #: Publishes, logs, and ends badly when a file appears.

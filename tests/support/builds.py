@@ -1,8 +1,8 @@
-"""Builds what the tests need beside them, in the order in which they need it.
+"""Builds what the tests on a cluster need; the log has the minutes at which each step began.
 
-`./run test` starts it in the background: what a test wants before it is there, the test waits for.
+`./run test` starts it beside the unit tests, and waits for it before the tests on a cluster.
 
-usage: python -m tests.support.builds [--all]
+usage: python -m tests.support.builds --proof | --all | --slow
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ def image(*words: str) -> Callable[[], object]:
     return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-#: The first three are what the first tests on the cluster wait for.
-STEPS: dict[str, Callable[[], object]] = {
+#: What the proof needs.
+PROOF: dict[str, Callable[[], object]] = {
     "the local cluster": programs("multus", "kubectl"),
     "the ROS 1 base image": image("rigel_k8s", "image", "ros1-base"),
     "the ROS 2 base image": image("rigel_lab", "ros2-base"),
     "the observability stack": programs("observability"),
     "the exporter's image": image("rigel_k8s", "image", "ros-exporter"),
+}
+#: What the other tests need besides.
+ALL = PROOF | {
     "the node on RustDDS": rustdds_node,
     "a kubelet that says k3s": programs("k3s"),
     "the Prometheus operator": programs("prometheus-operator"),
-}
-#: What `--all` wants besides.
-MORE: dict[str, Callable[[], object]] = {
     "the ROS 2 base image, kilted": image("rigel_lab", "ros2-base", "--distro", "kilted"),
     "the image of Muto's agent": image("rigel_k8s", "image", "muto-agent"),
 }
@@ -55,7 +55,7 @@ MORE: dict[str, Callable[[], object]] = {
 
 def main() -> None:
     """Build everything; what fails is the failure of the tests that need it."""
-    wanted = {**STEPS, **MORE} if "--all" in sys.argv else STEPS
+    wanted = PROOF if "--proof" in sys.argv else ALL
     for what, step in wanted.items():
         report(what)
         try:

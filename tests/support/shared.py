@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -22,15 +21,12 @@ from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.cache import cache_dir, locked
-from rigel_lab.cluster import components
-from rigel_lab.cluster.releases import Upstream
 
 #: The local cluster of the tests.
 NAME = "test"
 #: A file with the namespace of the observability stack, where it is one of this run.
 STACK = "stack"
 RUN = "RIGEL_TEST_RUN"
-BUILT = "RIGEL_TEST_BUILT"
 ALONE = "RIGEL_TEST_ALONE"
 #: Seconds: what a cluster is made of may have to be built.
 BUILDS = 3600
@@ -46,9 +42,6 @@ def begin(*, clusters: bool) -> None:
     """
     os.environ[ALONE] = str(int(clusters and lock()))
     os.environ[RUN] = tempfile.mkdtemp(prefix="rigel-test-")
-    needed = [*components.GO_BUILDS, *chain.from_iterable(components.ON_REQUEST.values())]
-    upstream = Upstream.of()
-    os.environ[BUILT] = str(int(all(build.find(upstream) for build in needed)))
     if not os.environ.get("RIGEL_TEST_CONTEXT"):
         os.environ["KUBECONFIG"] = str(directory() / "kubeconfig")
 
@@ -94,11 +87,6 @@ def mine(name: str) -> str:
 def directory() -> Path:
     """Return the directory that the processes share."""
     return Path(os.environ[RUN])
-
-
-def built() -> bool:
-    """Return whether all programs were built when the run began."""
-    return os.environ[BUILT] == "1"
 
 
 def once(name: str, do: Callable[[], object]) -> None:

@@ -16,44 +16,42 @@ RUN = Path(__file__).parents[2] / "run"
 #: Ends the tests with the code in CODE, everything else with 0 and at once.
 PROGRAM = """#!/bin/sh
 echo "$0 $*" >>"$CALLS"
-case "$*" in *pytest*) sleep 0.2; exit $CODE ;; esac
+case "$*" in *pytest*|*tests.tiers*) exit $CODE ;; esac
 """
 LOCKED = ("requirements/build.txt", "requirements/dev.txt")
 #: apt-get too: a machine without some of the packages would wait for them.
 PROGRAMS = ("python", "ruff", "mypy", "lint-imports", "cargo", "apt-get")
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root's run builds beside the tests")
 @pytest.mark.parametrize("code", [0, 1])
 def test_the_tests_decide(tmp_path: Path, code: int) -> None:
-    """Whether or not the builds beside them have ended by then."""
+    """Their exit code is that of the run."""
     run(tmp_path, code=code)
 
 
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        ([], ["junit.xml"]),
-        (["--slow"], ["junit-slow.xml --all -m slow", "bounds"]),
-        (["--all"], ["junit.xml", "junit-slow.xml --all -m slow", "bounds"]),
-        (["tests/unit", "-k", "name"], ["junit.xml tests/unit -k name"]),
+        ([], ["tests.tiers --lint 0"]),
+        (["--all"], ["tests.tiers --lint 0 --all"]),
+        (["--slow"], ["tests.tiers --slow"]),
+        (["tests/unit", "-k", "name"], ["pytest -n 2 tests/unit -k name"]),
     ],
 )
-def test_the_parts_of_a_run(tmp_path: Path, words: list[str], parts: list[str]) -> None:
-    """What is slow has a run of its own, after the others or alone."""
-    calls = run(tmp_path, *words, context="a-cluster-that-is-there")
-    ran = [line.strip() for line in calls.splitlines() if "-m pytest" in line or "bounds" in line]
-    assert len(ran) == len(parts), ran
-    assert all(line.endswith(part) for line, part in zip(ran, parts, strict=True)), ran
+def test_the_tiers_of_a_run(tmp_path: Path, words: list[str], parts: list[str]) -> None:
+    """Each has lint before it, but for the tests that somebody names."""
+    calls = run(tmp_path, *words).splitlines()
+    modules = [line.partition("/python -m ")[2] for line in calls]
+    assert [one for one in modules if one.startswith(("pytest", "tests."))] == parts
+    assert any("ruff check" in line for line in calls) == (words in ([], ["--all"]))
 
 
-def run(directory: Path, *words: str, code: int = 0, context: str = "") -> str:
+def run(directory: Path, *words: str, code: int = 0) -> str:
     """Run `./run test`, whose tests end with a code; return the programs that it has called."""
     root = directory / "project"
     programs = root / ".venv/bin"
     programs.mkdir(parents=True)
-    (root / "tests").mkdir()
-    for program in (*(programs / name for name in PROGRAMS), root / "tests/bounds"):
+    for program in (programs / name for name in PROGRAMS):
         program.write_text(PROGRAM)
         program.chmod(0o755)
     for name in (*LOCKED, "pyproject.toml", "hatch_build.py", "src/rigel_rmw/layer.c"):
@@ -67,7 +65,7 @@ def run(directory: Path, *words: str, code: int = 0, context: str = "") -> str:
     own = {"CODE": str(code), "CALLS": str(directory / "calls"), "RIGEL_VENV": "", "PATH": path}
     done = subprocess.run(
         [root / "run", "test", *words],
-        env={**os.environ, **own, "RIGEL_TEST_CONTEXT": context},
+        env={**os.environ, **own},
         capture_output=True,
         text=True,
         timeout=60,

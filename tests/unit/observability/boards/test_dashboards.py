@@ -173,6 +173,7 @@ def test_uids_never_change() -> None:
 
 
 @pytest.mark.programs
+@pytest.mark.cluster  # promtool is built for one
 @each
 def test_prometheus_can_read_every_query(
     model: dict[str, Any], promtool: str, tmp_path: Path

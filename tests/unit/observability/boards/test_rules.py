@@ -30,6 +30,7 @@ def run(*words: str) -> str:
 
 
 @pytest.mark.programs
+@pytest.mark.cluster  # promtool is built for one
 def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
     """Prometheus' own checker finds nothing wrong, and no two rules record one name twice."""
     for name, text in rules().items():
@@ -40,6 +41,7 @@ def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.programs
+@pytest.mark.cluster  # promtool is built for one
 @pytest.mark.parametrize("case", sorted(CASES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_rule_does_what_its_cases_say(case: Path, promtool: str) -> None:
     """Each alert comes when it should, with these words, and not in a roll-out."""

@@ -11,7 +11,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.release.rollout import wait
-from rigel_k8s.release.rollout.crashes import STEADY
+from rigel_k8s.release.rollout.crashes import STEADY, CrashLog
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.rollout.surroundings import look_around
@@ -59,6 +59,19 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
         assert not look()
     now += 2
     assert look()
+
+
+def test_what_ends_while_it_is_deleted_is_no_crash() -> None:
+    """The old pod of an update by Recreate, whose program ends with 130 as rclpy's examples do."""
+    old = {"metadata": {"uid": "old", "deletionTimestamp": "2026-01-01T00:00:00Z"}}
+    ended = {"state": {"terminated": {"exitCode": 130}}, "restartCount": 1}
+    crashes = CrashLog()
+    crashes.note(TALKER, [{**old, "status": {"containerStatuses": [ended]}}], 1000.0)
+    new = {"metadata": {"uid": "new"}}
+    crashes.note(TALKER, [{**new, "status": {"containerStatuses": [{"state": {}}]}}], 1001.0)
+    assert crashes.find_unsteady(1001.0) == set()
+    crashes.note(TALKER, [{**new, "status": {"containerStatuses": [ended]}}], 1002.0)
+    assert crashes.find_unsteady(1002.0) == {TALKER}
 
 
 def test_a_crash_that_healed_before_anyone_looked_is_told(

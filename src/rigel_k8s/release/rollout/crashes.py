@@ -28,17 +28,17 @@ WIDTH = 32  # checks at the same time: each does nothing but wait
 
 @attrs.define
 class CrashLog:
-    """How often the containers of workloads have ended, and when that number last changed."""
+    """How often the containers of each pod have ended, and when a workload's last one did."""
 
-    counts: dict[ObjectRef, int] = attrs.field(factory=dict)
+    counts: dict[str, int] = attrs.field(factory=dict)
     changed: dict[ObjectRef, float] = attrs.field(factory=dict)
 
     def note(self, ref: ObjectRef, pods: Iterable[Manifest], now: float) -> None:
-        """Note the newest pods of a workload."""
-        count = sum(map(count_crashes, pods))
-        if count != self.counts.get(ref, 0):
-            self.counts[ref] = count
-            self.changed[ref] = now
+        """Note the newest pods of a workload; what ends while it is being deleted is no crash."""
+        for meta, count in ((pod["metadata"], count_crashes(pod)) for pod in pods):
+            if count > self.counts.get(meta["uid"], 0) and not meta.get("deletionTimestamp"):
+                self.counts[meta["uid"]] = count
+                self.changed[ref] = now
 
     def note_end(self, ref: ObjectRef, now: float) -> None:
         """Note that a container has stopped, which its pod does not show yet."""

@@ -7,11 +7,13 @@ import re
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import pytest
 import yaml
@@ -19,33 +21,38 @@ import yaml
 from rigel_lab.cluster import components
 
 from ...support.until import until
-from ...unit.observability.shapes import config, release
+from ...unit.observability.shapes import config, find, release
 
 pytestmark = pytest.mark.cluster
 
 
-class Slow(ThreadingHTTPServer):
-    """A Loki that takes its time, and counts the requests that it handles at once."""
+class Loki(ThreadingHTTPServer):
+    """Takes its time for each request, and counts those that it handles at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
+        self.seconds = seconds
         self.lock = threading.Lock()
         self.busy = self.most = 0
         self.numbers: list[list[int]] = []
+
+    def has(self, number: int) -> bool:
+        """Return whether a line with a number has arrived."""
+        return any(number in request for request in self.numbers)
 
 
 class Handler(BaseHTTPRequestHandler):
     """Takes lines."""
 
-    server: Slow
+    server: Loki
 
     def do_POST(self) -> None:
-        """Take a request, but not before 0.3 s."""
+        """Take the numbers of a request."""
         body = gzip.decompress(self.rfile.read(int(self.headers["Content-Length"])))
         with self.server.lock:
             self.server.busy += 1
             self.server.most = max(self.server.most, self.server.busy)
-        time.sleep(0.3)
+        time.sleep(self.server.seconds)
         with self.server.lock:
             self.server.busy -= 1
             self.server.numbers.append([int(one) for one in re.findall(rb"count (\d+)", body)])
@@ -57,10 +64,33 @@ class Handler(BaseHTTPRequestHandler):
         """Keep silent."""
 
 
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[TextIO]:
+    """The log of a container, as the kubelet has it."""
+    file = tmp_path / "pods/robot_talker_0a0a0a0a-0000-0000-0000-000000000000/talker/0.log"
+    file.parent.mkdir(parents=True)
+    with file.open("a", buffering=1) as lines:
+        yield lines
+
+
 @contextmanager
-def run_collector(directory: Path, loki: int) -> Iterator[None]:
+def run_loki(seconds: float = 0) -> Iterator[Loki]:
+    """Run a Loki that needs some seconds for a request."""
+    with Loki(seconds) as loki:
+        serving = threading.Thread(target=loki.serve_forever)
+        serving.start()
+        try:
+            yield loki
+        finally:
+            loki.shutdown()
+            serving.join()
+
+
+@contextmanager
+def run_collector(directory: Path, loki: int) -> Iterator[subprocess.Popen[bytes]]:
     """Run the collector on the files of a directory; only what asks Kubernetes is left out."""
-    made: dict[str, Any] = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
+    text = release("{}")
+    made: dict[str, Any] = yaml.safe_load(config(text, "otel-collector", "collector.yaml"))
     made["extensions"]["health_check"]["endpoint"] = "127.0.0.1:0"
     made["extensions"]["file_storage"]["directory"] = str(directory / "state")
     made["receivers"]["file_log"] |= {
@@ -76,36 +106,56 @@ def run_collector(directory: Path, loki: int) -> Iterator[None]:
     file = directory / "collector.yaml"
     file.write_text(yaml.safe_dump(made))
     program = components.obtain(print, ["observability"]).go["otelcol-k8s"]
+    pod = find(text, "DaemonSet", "otel-collector")["spec"]["template"]["spec"]
+    words = [program, f"--config={file}", *pod["containers"][0]["args"][1:]]
     with (
-        (directory / "output").open("wb") as output,
-        subprocess.Popen([program, f"--config={file}"], stdout=output, stderr=output) as process,
+        (directory / "output").open("ab") as output,
+        subprocess.Popen(words, stdout=output, stderr=output) as process,
     ):
         try:
-            yield
+            yield process
         finally:
             process.terminate()
 
 
-def test_loki_has_one_request_of_a_machine_at_a_time(tmp_path: Path) -> None:
+def write(log: TextIO, numbers: Iterable[int], every: float) -> None:
+    """Write a line for each number, with some seconds between."""
+    for number in numbers:
+        at = f"{number // 1000:02d}.{number % 1000:03d}"
+        log.write(f"2026-01-01T00:00:{at}Z stdout F count {number}\n")
+        time.sleep(every)
+
+
+def test_loki_has_one_request_of_a_machine_at_a_time(tmp_path: Path, log: TextIO) -> None:
     """Loki 3.7 writes requests to its log in any order, and drops lines when it reads it again."""
-    file = tmp_path / "pods/robot_talker_0a0a0a0a-0000-0000-0000-000000000000/talker/0.log"
-    file.parent.mkdir(parents=True)
-    with Slow() as loki:
-        serving = threading.Thread(target=loki.serve_forever)
-        serving.start()
-        try:
-            with run_collector(tmp_path, loki.server_port), file.open("a", buffering=1) as lines:
-                for number in range(600):
-                    lines.write(f"2026-01-01T00:00:00.{number:09d}Z stdout F count {number}\n")
-                    time.sleep(0.005)
-                until(
-                    lambda: sum(len(one) for one in loki.numbers) >= 600,
-                    "all lines",
-                    last_words=(tmp_path / "output").read_text,
-                )
-        finally:
-            loki.shutdown()
-            serving.join()
+    with run_loki(0.3) as loki, run_collector(tmp_path, loki.server_port):
+        write(log, range(600), 0.005)
+        until(
+            lambda: sum(len(one) for one in loki.numbers) >= 600,
+            "all lines",
+            last_words=(tmp_path / "output").read_text,
+        )
     assert [number for one in loki.numbers for number in one] == list(range(600))
     assert len(loki.numbers) > 3
     assert loki.most == 1
+
+
+def test_a_killed_collector_loses_what_waits_to_be_joined(tmp_path: Path, log: TextIO) -> None:
+    """At each kill at most the last line of a container, at 500 lines a second."""
+    kills, size = 12, 700
+    with run_loki() as loki:
+        for first in range(0, kills * size, size):
+            with run_collector(tmp_path, loki.server_port) as collector:
+                write(log, range(first, first + size // 2), 0.002)
+                until(partial(loki.has, first), "lines of this turn")
+                killed = first + size - first // 31  # each time another moment
+                write(log, range(first + size // 2, killed), 0.002)
+                collector.kill()
+                write(log, range(killed, first + size), 0)
+        end = kills * size
+        with run_collector(tmp_path, loki.server_port):
+            write(log, range(end, end + 10), 0.1)
+            until(partial(loki.has, end + 8), "the last lines")
+    missing = [number for number in range(end) if not loki.has(number)]
+    assert len(missing) <= kills, missing
+    assert all(two - one > 1 for one, two in pairwise(missing)), missing

@@ -9,6 +9,7 @@ import pytest
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.observability.password import ADMIN_SECRET, PASSWORD, USER_NAME
 from rigel_k8s.release.types import Desired
+from rigel_lab.cluster.nodepaths import BOUND
 from tests.support.golden import Golden
 
 from .shapes import GOLDEN, find, release
@@ -138,3 +139,15 @@ def test_each_dashboard_fits_into_a_config_map() -> None:
 
     assert boards.dashboards()
     assert max(len(text.encode()) for text in boards.dashboards().values()) < 900_000
+
+
+@pytest.mark.parametrize("collector", ["otel-collector", "promtail"])
+def test_what_a_collector_keeps_on_a_machine_is_of_one_local_cluster(collector: str) -> None:
+    """Clusters of one computer share its disk: one would send the lines of another to its Loki."""
+    made = release(f"{{collector: {collector}}}")
+    [pod] = [i["spec"]["template"]["spec"] for i in made.objects if i["kind"] == "DaemonSet"]
+    mounts = pod["containers"][0]["volumeMounts"]
+    written = {mount["name"] for mount in mounts if not mount.get("readOnly")}
+    paths = [v["hostPath"]["path"] for v in pod["volumes"] if v["name"] in written]
+    assert paths
+    assert set(paths) <= set(BOUND)

@@ -81,18 +81,35 @@ def test_an_invalid_pod_is_refused(fake: Any, report: Any) -> None:
     assert fake.writes == []
 
 
+def make_rolling(fake: Any) -> dict[str, Any]:
+    """Put a Deployment there that someone else has made, with Kubernetes' own strategy."""
+    made = workload()
+    del made["spec"]["strategy"]
+    fake.create(made)
+    return made
+
+
 def test_an_old_strategy_is_no_refusal(fake: Any, report: Any) -> None:
     """Apply ends it before; only the dry run has it beside the new one."""
-    message = 'Deployment.apps "talker" is invalid: spec.strategy.rollingUpdate: Forbidden: no'
+    make_rolling(fake)
+    found = diff(desired(workload()), fake, adopt=True)
+    assert [step.action for step in found.changes] == ["change"]
 
-    def refuse(live: Any, dry_run: Any) -> Refusal | None:
-        if live["kind"] != "Deployment" or not dry_run:
-            return None
-        answer = json.dumps({"message": message}).encode()
-        return refusal(422, answer, "apply", context="c", server="s")
 
-    fake.store.refuse = refuse
-    assert [step.action for step in diff(desired(workload()), fake).changes] == ["create"]
+def test_another_selector_beside_an_old_strategy_is_refused_before_any_write(
+    fake: Any, report: Any
+) -> None:
+    """Each cause of a refusal counts: this one stays after the strategy has ended."""
+    make_rolling(fake)
+    wanted = workload()
+    wanted["spec"]["selector"]["matchLabels"]["other"] = "yes"
+    wanted["spec"]["template"]["metadata"]["labels"]["other"] = "yes"
+    before = list(fake.writes)
+    with pytest.raises(Refused) as caught:
+        deploy(desired(config(), wanted), fake, report=report, adopt=True)
+    [problem] = caught.value.problems
+    assert "never changes which pods a Deployment selects" in problem.message
+    assert fake.writes == before
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def try_object(
     except Refusal as error:
         if error.status == 400 and "dry run" in error.message:
             return assume_result(cluster, manifest)
-        if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
+        if {cause.field for cause in error.causes} == {"spec.strategy.rollingUpdate"}:
             return assume_result(cluster, manifest)  # apply ends the old strategy before
         if not is_about_object(error):
             raise

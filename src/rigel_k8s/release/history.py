@@ -12,7 +12,7 @@ from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
 from rigel_k8s.release.order import WORKLOADS
-from rigel_k8s.release.revisions import BY, CREATED, DESCRIPTION, Record, find_good
+from rigel_k8s.release.revisions import BY, CREATED, DAMAGES, DESCRIPTION, Record, find_good
 
 #: The key of a volume that has its files: (mode, content) by path.
 FILES = "files"
@@ -85,21 +85,25 @@ class History:
 
     def compare(self, old: int, new: int) -> tuple[str, ...]:
         """Return what differs in the workloads of two revisions."""
-        return tuple(compare(self._workloads[old], self._workloads[new], self._naming))
+        try:
+            return tuple(compare(self._workloads[old], self._workloads[new], self._naming))
+        except DAMAGES:  # someone has written into a record
+            return ("changed",)
 
 
 def read_workloads(record: Record) -> dict[str, Manifest]:
     """Return a revision's workloads by name; none where it cannot be read."""
     try:
         objects = record.revision().objects
-    except RigelK8sError:
+        workloads = [live for live in objects if live["kind"] in WORKLOADS]
+        configs = {one["metadata"]["name"]: one for one in objects if one["kind"] == "ConfigMap"}
+        for live in workloads:
+            pod = live.get("spec", {}).get("template", {}).get("spec", {})
+            pod["volumes"] = [read_files(one, configs) for one in pod.get("volumes") or []]
+            list(map(shorten, images(live).values()))
+        return {live["metadata"]["name"]: live for live in split_all(workloads)}
+    except (RigelK8sError, *DAMAGES):
         return {}
-    workloads = [live for live in objects if live["kind"] in WORKLOADS]
-    configs = {live["metadata"]["name"]: live for live in objects if live["kind"] == "ConfigMap"}
-    for live in workloads:
-        pod = live.get("spec", {}).get("template", {}).get("spec", {})
-        pod["volumes"] = [read_files(one, configs) for one in pod.get("volumes") or []]
-    return {live["metadata"]["name"]: live for live in split_all(workloads)}
 
 
 def read_files(volume: Manifest, configs: Mapping[str, Manifest]) -> Manifest:

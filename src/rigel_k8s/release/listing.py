@@ -17,11 +17,12 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.order import RUNNING
 from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.revisions import CREATED, DESCRIPTION, NUMBER, OF, STATUS, VERSION
+from rigel_k8s.release.revisions import CREATED, DESCRIPTION, OF, STATUS, VERSION, number_of
 from rigel_k8s.release.rollout.readiness import readiness
 from rigel_k8s.release.types import ReleaseId
 
 Live = Mapping[str, Any]
+DAMAGED = "damaged"
 
 
 @attrs.frozen
@@ -29,7 +30,7 @@ class ReleaseSummary:
     """A release in one line.
 
     Attributes:
-        status: of the newest revision: good, pending or failed.
+        status: of the newest revision: good, pending or failed; damaged if it has none.
         ready: how many of its workloads are ready.
         workloads: how many it has.
         updated: when the newest revision was made, as Kubernetes writes times.
@@ -67,7 +68,7 @@ def summarise(secrets: Iterable[Live], workloads: Iterable[Live]) -> list[Releas
     newest: dict[ReleaseId, Live] = {}
     for secret in secrets:
         release = ReleaseId(secret["metadata"]["namespace"], secret["metadata"]["labels"][OF])
-        if release not in newest or number_of(secret) > number_of(newest[release]):
+        if number_of(secret) > (number_of(newest[release]) if release in newest else 0):
             newest[release] = secret
     own: dict[ReleaseId, list[bool]] = {}
     for live in filter(is_applied, workloads):
@@ -81,11 +82,6 @@ def summarise(secrets: Iterable[Live], workloads: Iterable[Live]) -> list[Releas
     ]
 
 
-def number_of(secret: Live) -> int:
-    """Return the number of a revision's Secret."""
-    return int(secret["metadata"]["labels"][NUMBER])
-
-
 def describe(release: ReleaseId, secret: Live, ready: Sequence[bool]) -> ReleaseSummary:
     """Return a release's line.
 
@@ -97,7 +93,7 @@ def describe(release: ReleaseId, secret: Live, ready: Sequence[bool]) -> Release
     return ReleaseSummary(
         release,
         number_of(secret),
-        secret["metadata"]["labels"][STATUS],
+        secret["metadata"]["labels"].get(STATUS, DAMAGED),
         sum(ready),
         len(ready),
         notes.get(CREATED, ""),

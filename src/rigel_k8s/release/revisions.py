@@ -4,7 +4,8 @@ A good deploy leaves LIMIT of them, and the good one before it. Until there is o
 unfinished ones come to that: every look at a release reads all of its records.
 
 A record is a contract with later versions of this tool: its format has a number. It contains no
-Secret's data.
+Secret's data. Anyone may have changed or made one: a Secret of another name is none, and what
+cannot be read is an error with the Secret's name.
 """
 
 from __future__ import annotations
@@ -13,20 +14,26 @@ import base64
 import gzip
 import hashlib
 import json
+import re
 import uuid
-from collections.abc import Iterable, Sequence
-from typing import Any
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, get_args
 
 import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision, RevisionStatus
 
 LIMIT = 10
 #: Bytes that Kubernetes accepts as the data of a Secret.
 MAX_SIZE = 1024 * 1024
+#: Bytes that a record may have before it is compressed.
+MAX_CONTENT = 48 * MAX_SIZE
+#: What is raised where a value is of another shape than it should be.
+DAMAGES = (AttributeError, LookupError, TypeError, ValueError)
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
@@ -42,26 +49,17 @@ CREATED, BY, DESCRIPTION, VERSION, BACK_TO, FAILURE = (
 
 @attrs.frozen
 class Record:
-    """A revision as it is kept: what can be read without decompressing it, and the rest."""
+    """A revision as it is kept: what can be read without decompressing it, and the rest.
+
+    Attributes:
+        back_to: the revision that this rollback deploys again; None for a deploy.
+    """
 
     release: ReleaseId
-    secret: dict[str, Any]
-
-    @property
-    def number(self) -> int:
-        """The revision's number."""
-        return int(self.secret["metadata"]["labels"][NUMBER])
-
-    @property
-    def status(self) -> str:
-        """The revision's status."""
-        return str(self.secret["metadata"]["labels"][STATUS])
-
-    @property
-    def back_to(self) -> int | None:
-        """The revision that this rollback deploys again; None for a deploy."""
-        number = (self.secret["metadata"].get("annotations") or {}).get(BACK_TO)
-        return int(number) if number else None
+    number: int
+    status: RevisionStatus
+    back_to: int | None
+    secret: Mapping[str, Any]
 
     @property
     def failure(self) -> str:
@@ -89,8 +87,43 @@ def secret_ref(release: ReleaseId, number: int) -> ObjectRef:
 
 def records(cluster: Cluster, release: ReleaseId) -> list[Record]:
     """Return all records of a release, the oldest first."""
-    secrets = cluster.list("v1", "Secret", release.namespace, labels={OF: release.name})
-    return sorted((Record(release, s) for s in secrets), key=lambda record: record.number)
+    return read_all(cluster.list("v1", "Secret", release.namespace, labels={OF: release.name}))
+
+
+def read_all(secrets: Iterable[Mapping[str, Any]]) -> list[Record]:
+    """Return the records among Secrets, the oldest first.
+
+    Raises:
+        ClusterError: the labels or annotations of one are damaged.
+    """
+    found = [read(secret) for secret in secrets if number_of(secret)]
+    return sorted(found, key=lambda record: record.number)
+
+
+def number_of(secret: Mapping[str, Any]) -> int:
+    """Return the number of a revision by its Secret's name; 0 if it is no revision."""
+    meta = secret["metadata"]
+    name = rf"rigel\.{re.escape(meta['labels'][OF])}\.v([1-9][0-9]{{0,8}})"
+    found = re.fullmatch(name, meta["name"])
+    return int(found[1]) if found else 0
+
+
+def read(secret: Mapping[str, Any]) -> Record:
+    """Return the record that a Secret is.
+
+    Raises:
+        ClusterError: its labels or annotations are damaged.
+    """
+    meta = secret["metadata"]
+    labels, back = meta["labels"], (meta.get("annotations") or {}).get(BACK_TO) or "0"
+    release, number = ReleaseId(meta["namespace"], labels[OF]), number_of(secret)
+    if labels.get(NUMBER) != str(number):
+        raise damaged_error(release, number, secret, f"its label {NUMBER} is {labels.get(NUMBER)}")
+    if (status := labels.get(STATUS)) not in get_args(RevisionStatus):
+        raise damaged_error(release, number, secret, f"its label {STATUS} is {status}")
+    if not re.fullmatch("[0-9]{1,9}", back):
+        raise damaged_error(release, number, secret, f"its annotation {BACK_TO} is {back}")
+    return Record(release, number, status, int(back) or None, secret)
 
 
 def find_good(kept: Iterable[Record]) -> int:
@@ -138,7 +171,7 @@ def forget(cluster: Cluster, old: Iterable[Record]) -> None:
 
 def record(revision: Revision) -> Record:
     """Return the record of a revision as it has just been written."""
-    return Record(revision.release, encode(revision))
+    return read(encode(revision))
 
 
 def choose_recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
@@ -228,23 +261,29 @@ def decode(record: Record) -> Revision:
     """Return the revision of a record."""
     secret = record.secret
     try:
-        payload = json.loads(gzip.decompress(base64.b64decode(secret["data"]["release"])))
-    except (KeyError, ValueError, OSError, EOFError) as error:
+        payload = json.loads(decompress(base64.b64decode(secret["data"]["release"])))
+        if payload["format"] != FORMAT:
+            known = f"its format is {payload['format']}, this version reads format {FORMAT}"
+            raise unreadable_error(record, known)
+        objects = tuple(payload["objects"])
+        named = [attrs.astuple(ref_of(manifest)) for manifest in objects]
+        inventory = [[*words] for words in payload["inventory"]]
+        options = dict(payload["options"] or {})
+        if not all(isinstance(word, str) for words in (*named, *inventory) for word in words):
+            raise TypeError("what is to be text is none")
+        items = tuple(InventoryItem(ObjectRef(*words[:4]), words[4]) for words in inventory)
+    except (*DAMAGES, OSError, EOFError, zlib.error, RecursionError) as error:
         raise unreadable_error(record, "it is damaged") from error
-    if payload.get("format") != FORMAT:
-        raise unreadable_error(
-            record, f"its format is {payload.get('format')}, this version reads format 1"
-        )
     notes = secret["metadata"].get("annotations") or {}
     return Revision(
         release=record.release,
         number=record.number,
-        status=record.status,  # type: ignore[arg-type]
+        status=record.status,
         created=notes.get(CREATED, ""),
         by=notes.get(BY, ""),
-        objects=tuple(payload["objects"]),
-        inventory=tuple(InventoryItem(ObjectRef(*i[:4]), i[4]) for i in payload["inventory"]),
-        options=payload["options"],
+        objects=objects,
+        inventory=items,
+        options=options,
         description=notes.get(DESCRIPTION, ""),
         tool_version=notes.get(VERSION, ""),
         back_to=record.back_to,
@@ -252,10 +291,28 @@ def decode(record: Record) -> Revision:
     )
 
 
+def decompress(content: bytes) -> bytes:
+    """Return the content of a record, which may not be larger than MAX_CONTENT."""
+    unpacker = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # gzip's format
+    found = unpacker.decompress(content, MAX_CONTENT)
+    if not unpacker.eof:
+        raise EOFError
+    return found
+
+
 def unreadable_error(record: Record, why: str) -> ClusterError:
     """Return the error for a record that cannot be read."""
-    written = (record.secret["metadata"].get("annotations") or {}).get(VERSION) or "an unknown"
+    return damaged_error(record.release, record.number, record.secret, why)
+
+
+def damaged_error(
+    release: ReleaseId, number: int, secret: Mapping[str, Any], why: str
+) -> ClusterError:
+    """Return the error for a revision whose Secret cannot be read."""
+    written = (secret["metadata"].get("annotations") or {}).get(VERSION) or "an unknown"
+    ref = secret_ref(release, number)
     return ClusterError(
-        f"revision {record.number} of {record.release.name} cannot be read: {why}",
-        hint=f"it was written by version {written} of rigel-k8s: use that, or delete {record.ref}",
+        f"revision {number} of {release.name} cannot be read: {why}",
+        hint=f"it was written by version {written} of rigel-k8s: use that, or delete it:"
+        f" kubectl -n {ref.namespace} delete secret {ref.name}",
     )

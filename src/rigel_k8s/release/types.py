@@ -124,6 +124,9 @@ class InventoryItem:
     uid: str = ""
 
 
+RevisionStatus: TypeAlias = Literal["pending", "good", "failed", "superseded"]
+
+
 @attrs.frozen
 class Revision:
     """One record of a release; kept as a compressed Secret.
@@ -136,7 +139,7 @@ class Revision:
 
     release: ReleaseId
     number: int
-    status: Literal["pending", "good", "failed", "superseded"]
+    status: RevisionStatus
     created: str
     objects: tuple[Manifest, ...]
     inventory: tuple[InventoryItem, ...]

@@ -17,7 +17,7 @@ from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.history import History
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
-from rigel_k8s.release.revisions import OF, Record
+from rigel_k8s.release.revisions import OF, read_all
 from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
 from rigel_k8s.release.status import KINDS, choose_part, describe_release
@@ -42,6 +42,7 @@ class Overview:
         self.nodes: Entries | None = None
         self._release = release
         self._crashes = CrashLog()
+        self._known: set[ObjectRef] = set()
         self._history = History(ROS_NAME_ANNOTATION)
         self._lease: tuple[str, float] = ("", 0.0)
 
@@ -63,8 +64,7 @@ class Overview:
         surroundings = view.look_around()
         records = None
         if SECRET not in view.refused:
-            secrets = view.objects[SECRET].values()
-            records = sorted((Record(self._release, s) for s in secrets), key=lambda r: r.number)
+            records = read_all(view.objects[SECRET].values())
         live = [list(view.objects[kind].values()) for kind in KINDS]
         found = describe_release(self._release, live, surroundings, records)
         if found is None:
@@ -118,16 +118,15 @@ class Overview:
     def _note_crashes(self, ref: ObjectRef, pods: Sequence[Manifest], now: float) -> None:
         """Note how often a workload's pods have crashed, except those that are being terminated.
 
-        The first count of a workload only serves for comparison. A count that has become smaller
-        is that of other pods.
+        The first look at a workload only serves for comparison.
         """
-        staying = [pod for pod in pods if not is_ending(pod)]
-        count = sum(map(count_crashes, staying))
-        if count >= self._crashes.counts.get(ref, count + 1):
-            self._crashes.note(ref, staying, now)
-        else:
+        staying = {pod["metadata"]["uid"]: pod for pod in pods if not is_ending(pod)}
+        if ref not in self._known:
+            self._known.add(ref)
+            self._crashes.counts.update((uid, count_crashes(pod)) for uid, pod in staying.items())
+        self._crashes.note(ref, staying.values(), now)
+        if not any(map(self._crashes.counts.get, staying)):  # all of them are new
             self._crashes.changed.pop(ref, None)
-        self._crashes.counts[ref] = count
 
     def _find_holder(self, view: ReleaseView, now: float) -> str | None:
         """Return who changes the release, "" for no one; None if the Lease cannot be read."""

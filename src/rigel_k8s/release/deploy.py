@@ -8,7 +8,7 @@ interruption the next run finds in the pending revision all that may be left, an
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
 
@@ -22,6 +22,7 @@ from rigel_k8s.release import lease as leases
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.locking import Held, bury, hold
+from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.pulling import pull_images
 from rigel_k8s.release.refusals import verdict
@@ -209,7 +210,13 @@ def new_revision(run: Run, looked: Look) -> Revision:
         tool_version=__version__,
         back_to=run.back_to,
         by=leases.name_user(),
+        source=run.desired.source or find_source(found.history, run.back_to),
     )
+
+
+def find_source(history: Iterable[revisions.Record], number: int | None) -> str:
+    """Return from which folder a revision was deployed; "" if it is not known."""
+    return next((record.source for record in history if record.number == number), "")
 
 
 def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
@@ -240,6 +247,8 @@ def report_plan(run: Run, plan: Plan) -> None:
     ]
     name = f"{run.release.namespace}/{run.release.name}"
     run.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
+    if lost := [s.ref.name for s in plan.steps if s.action == "prune" and s.ref.kind in WORKLOADS]:
+        run.report.line(f"no longer in the Rigelfile, and deleted: {', '.join(lost)}")
     for step in plan.steps:
         if step.action == "forget":
             run.report.warn(

@@ -37,13 +37,14 @@ DAMAGES = (AttributeError, LookupError, TypeError, ValueError)
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
-CREATED, BY, DESCRIPTION, VERSION, BACK_TO, FAILURE = (
+CREATED, BY, DESCRIPTION, VERSION, BACK_TO, FAILURE, SOURCE = (
     "rigel-k8s/created",
     "rigel-k8s/by",
     "rigel-k8s/description",
     "rigel-k8s/tool-version",
     "rigel-k8s/back-to",
     "rigel-k8s/failure",
+    "rigel-k8s/source",
 )
 
 
@@ -65,6 +66,11 @@ class Record:
     def failure(self) -> str:
         """Why it failed; "" if it did not, or that is unknown."""
         return str((self.secret["metadata"].get("annotations") or {}).get(FAILURE, ""))
+
+    @property
+    def source(self) -> str:
+        """The folder of the Rigelfile; "" if it is not known."""
+        return str((self.secret["metadata"].get("annotations") or {}).get(SOURCE, ""))
 
     @property
     def ref(self) -> ObjectRef:
@@ -193,6 +199,8 @@ def encode(revision: Revision) -> dict[str, Any]:
         notes[BACK_TO] = str(revision.back_to)
     if revision.failure:
         notes[FAILURE] = revision.failure
+    if revision.source:
+        notes[SOURCE] = revision.source
     return {
         "apiVersion": "v1",
         "kind": "Secret",
@@ -288,6 +296,7 @@ def decode(record: Record) -> Revision:
         tool_version=notes.get(VERSION, ""),
         back_to=record.back_to,
         failure=record.failure,
+        source=record.source,
     )
 
 

@@ -57,6 +57,7 @@ class Desired:
             is the only part that is not data: only the builder of a release can decide what to
             check.
         defined: kinds, as (group, kind), that another part of the same deploy defines before.
+        source: the folder of the Rigelfile, "" if it is not known.
     """
 
     release: ReleaseId
@@ -68,6 +69,7 @@ class Desired:
     remedies: Mapping[str, str] = attrs.field(factory=dict)
     inspect: Inspect | None = attrs.field(default=None, eq=False, repr=False)
     defined: frozenset[tuple[str, str]] = frozenset()
+    source: str = ""
 
 
 @attrs.frozen
@@ -135,6 +137,7 @@ class Revision:
         back_to: the revision that this rollback deploys again; None for a deploy.
         by: user@machine of the process that made it.
         failure: why it failed, in one line.
+        source: the folder of the Rigelfile, "" if it is not known.
     """
 
     release: ReleaseId
@@ -149,6 +152,7 @@ class Revision:
     back_to: int | None = None
     by: str = ""
     failure: str = ""
+    source: str = ""
 
 
 @attrs.frozen(kw_only=True)

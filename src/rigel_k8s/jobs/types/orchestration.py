@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+import attrs
+
 from rigel_k8s.app.application import flat, is_partial
 from rigel_k8s.app.deploying.target import release_key, release_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -102,7 +104,7 @@ class OrchestrationJob:
         else:
             prepared = prepare(request, cluster)
         application = ApplicationPart(
-            desired=prepared.desired,
+            desired=attrs.evolve(prepared.desired, source=str(job.application.dir)),
             place=job.place,
             prepared=prepared,
             application=job.application,

@@ -6,15 +6,16 @@ Kubernetes never lets change, pods.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.errors import ConflictError, UserError
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
-from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.marks import FIRST_ANNOTATION, OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.text import plural
 from rigel_k8s.problems import Problem
+from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.refusals.admission import find_obstacles, find_refused_pods
 from rigel_k8s.release.refusals.missing import explain_missing
@@ -63,6 +64,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
     if survey.foreseen.missing:
         raise explain_missing(survey.desired, survey.foreseen.missing)
     problems = [
+        *([] if adopt else find_other_source(survey)),
         *find_foreign(survey),
         *find_invalid(survey),
         *find_refused_pods(survey),
@@ -84,6 +86,35 @@ def check(survey: Survey, *, adopt: bool) -> None:
             hint=ADOPT,
             details=lines,
         )
+
+
+def find_other_source(survey: Survey) -> Iterator[Problem]:
+    """Yield a problem if another Rigelfile made the release, and all that it runs would go.
+
+    The default name of a release is the same in every Rigelfile.
+    """
+    last, desired = survey.last, survey.desired
+    if last is None or not last.source or desired.source in ("", last.source):
+        return
+    ours, theirs = list_needed(survey.manifests), list_needed(last.objects)
+    if ours and theirs and not ours & theirs:
+        text = (
+            f"{last.release.name} was deployed from {last.source}, and has nothing in common with"
+            f" this Rigelfile: {', '.join(sorted(theirs))} would be deleted; set `deployment_name`"
+            " here for a release beside it, or replace it with `--adopt`"
+        )
+        yield Problem(("deployment_name",), text, "other-rigelfile")
+
+
+def list_needed(manifests: Iterable[Manifest]) -> set[str]:
+    """Return the names of workloads, without those that any application may have."""
+    return {
+        manifest["metadata"]["name"]
+        for manifest in manifests
+        if manifest["kind"] in WORKLOADS
+        and not {FIRST_ANNOTATION, OPTIONAL_ANNOTATION}
+        & {*(manifest["metadata"].get("annotations") or ())}
+    }
 
 
 def find_foreign(survey: Survey) -> Iterator[Problem]:

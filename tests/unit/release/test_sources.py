@@ -1,0 +1,67 @@
+"""A second Rigelfile with the default name never deletes the first robot without a word."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.release import revisions
+from rigel_k8s.release.refusals.verdict import Refused
+from rigel_k8s.release.types import Desired
+from tests.support.manifests import RELEASE, workload
+from tests.support.releases import deploy, diff, rollback
+
+HERE, THERE = "/home/ann/robot", "/home/ann/second"
+
+
+def from_folder(source: str, *names: str, master: bool = False) -> Desired:
+    """Return what a Rigelfile in a folder describes."""
+    first = [workload("ros-master", first=True)] if master else []
+    return Desired(RELEASE, (*first, *map(workload, names)), source=source)
+
+
+@pytest.fixture
+def robot(fake: Any, report: Any) -> Any:
+    """A robot, deployed from a folder."""
+    deploy(from_folder(HERE, "driver", "filter", master=True), fake, report=report)
+    return fake
+
+
+def test_another_folder_with_other_nodes_is_refused(robot: Any, report: Any) -> None:
+    """With what would be deleted, and both ways out; `diff` says the same."""
+    wanted, before = from_folder(THERE, "imu", master=True), list(robot.writes)
+    for use in (lambda: deploy(wanted, robot, report=report), lambda: diff(wanted, robot)):
+        with pytest.raises(Refused) as caught:
+            use()
+        [problem] = caught.value.problems
+        assert "was deployed from /home/ann/robot" in problem.message
+        assert "driver, filter would be deleted" in problem.message
+        assert problem.path == ("deployment_name",)
+    assert robot.writes == before
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        from_folder(HERE, "imu", master=True),
+        from_folder(THERE, "driver", "imu", master=True),
+        from_folder("", "imu"),
+        from_folder(THERE, master=True),
+    ],
+    ids=["same folder", "a node in common", "unknown folder", "no node"],
+)
+def test_other_changes_are_none_of_that(robot: Any, report: Any, wanted: Desired) -> None:
+    """What is deleted is named."""
+    deploy(wanted, robot, report=report)
+    [line] = [text for text in report.lines if "deleted" in text]
+    assert line.startswith("no longer in the Rigelfile, and deleted: ")
+    assert "filter" in line
+
+
+def test_it_can_be_replaced(robot: Any, report: Any) -> None:
+    """And the rollback belongs to the first folder again."""
+    deploy(from_folder(THERE, "imu"), robot, report=report, adopt=True)
+    rollback(robot, RELEASE, report=report)
+    sources = [record.revision().source for record in revisions.records(robot, RELEASE)]
+    assert sources == [HERE, THERE, HERE]

@@ -16,7 +16,7 @@ from rigel_k8s.objects.text import plural
 @click.option(
     "--ros",
     type=click.Choice(["1", "2"]),
-    default="1",
+    default="2",
     show_default=True,
     help="Write it for this version of ROS.",
 )

@@ -372,7 +372,7 @@ def test_image(record: Any) -> None:
 def starter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory with what `rigel init` writes."""
     monkeypatch.chdir(tmp_path)
-    CliRunner().invoke(cli, ["init"], catch_exceptions=False)
+    CliRunner().invoke(cli, ["init", "--ros", "1"], catch_exceptions=False)
     return tmp_path / "Rigelfile"
 
 
@@ -388,9 +388,9 @@ def test_init_writes_what_check_takes(starter: Path) -> None:
     assert "rigel run sequence demo" in starter.read_text()
 
 
-def test_init_writes_one_for_ros2_too(starter: Path) -> None:
+def test_init_writes_one_for_ros2_by_default(starter: Path) -> None:
     """It passes the check, for a distribution of ROS 2, with the network said."""
-    CliRunner().invoke(cli, ["init", "--ros", "2", "--force"], catch_exceptions=False)
+    CliRunner().invoke(cli, ["init", "--force"], catch_exceptions=False)
     done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
     assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
     assert "distro: lyrical" in starter.read_text()

@@ -146,27 +146,31 @@ def create(name: str, wish: Wish, report: Report) -> State:
 
 
 def start_machines(state: State, report: Report) -> bool:
-    """Start every machine that does not run; return whether there was one."""
+    """Start every machine that does not run; return whether there was one.
+
+    A control plane that an interrupted `up` has started may lack images and Node objects.
+    """
     missing = [name for name in state.machine_names if not state.process(name)]
     for name in state.node_names:
         if name not in missing:
             write_resolv_conf(state.directory / name)
-    if not missing:
-        return False
-    layout = state.layout
-    network.create(state.name, layout.addresses)
-    for name in missing:
-        again = " again: it had ended" if state.furnished else ""
+    layout, again = state.layout, " again: it had ended" if state.furnished else ""
+    if missing:
+        network.create(state.name, layout.addresses)
+    if CONTROL_PLANE in missing:
+        report(f"Starting {CONTROL_PLANE}{again}")
+        start(state, layout, CONTROL_PLANE)
+    if CONTROL_PLANE in missing or not state.furnished:
+        report("Filling the registry and waiting for the API server")
+        push_images(layout, addons.images(layout.components))
+        api.wait_until_ready(layout)
+        api.create_nodes(layout, state.node_names)
+    for name in [name for name in missing if name != CONTROL_PLANE]:
         report(f"Starting {name}{again}")
-        if state.furnished and name != CONTROL_PLANE:
+        if state.furnished:
             api.mark_lost(layout, name)
         start(state, layout, name)
-        if name == CONTROL_PLANE:
-            report("Filling the registry and waiting for the API server")
-            push_images(layout, addons.images(layout.components))
-            api.wait_until_ready(layout)
-            api.create_nodes(layout, state.node_names)
-    return True
+    return bool(missing)
 
 
 def start(state: State, layout: Layout, name: str) -> None:

@@ -323,13 +323,31 @@ def kill_all(host: Any) -> None:
 
 def be_interrupted(host: Any) -> None:
     """`up` is killed while it starts the nodes."""
+    interrupt_up(host, "Starting node1")
+
+
+def interrupt_up(host: Any, step: str) -> None:
+    """Kill `up` when it reports a step."""
     words = host.command(sys.executable, "-m", "rigel_k8s", "cluster", "up", "--name", "t-gone")
     with subprocess.Popen(
         words, stderr=subprocess.PIPE, text=True, env=host.environment
     ) as process:
         assert process.stderr is not None
-        assert any("Starting node1" in line for line in process.stderr)
+        assert any(step in line for line in process.stderr)
         host.run("pkill", "-KILL", "-f", "rigel_k8s cluster up")
+
+
+@pytest.mark.slow  # six clusters; the order of steps is tested without one
+def test_up_completes_what_an_interruption_left(host: Any, before: dict[str, list[str]]) -> None:
+    """Whenever it was killed; the second command is the same, and DNS and storage are ready."""
+    steps = ["Starting control-plane", "Filling the registry", "Starting node1", "Starting node2"]
+    for step in (*steps, "Installing DNS", "Waiting for DNS"):
+        interrupt_up(host, step)
+        host.rigel("up", "--name", "t-gone")
+        assert host.status("t-gone")["problems"] == []
+        assert len(host.status("t-gone")["nodes"]) == 2
+        host.rigel("down", "--name", "t-gone")
+    assert host.changes(before) == {}
 
 
 def restart(host: Any) -> None:

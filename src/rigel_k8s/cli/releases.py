@@ -30,7 +30,8 @@ from rigel_k8s.objects.text import plural
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rigel_k8s.release.types import Plan, ReleaseId, Step
+    from rigel_k8s.release.history import Entry
+    from rigel_k8s.release.types import Plan, ReleaseId, Revision, Step
 
 
 @click.command()
@@ -57,6 +58,14 @@ def render(ctx: click.Context, /, job: str | None, data: dict[str, Any]) -> None
 @click.option(
     "--adopt", is_flag=True, help="Take over fields of other tools, as `run --adopt` does."
 )
+@click.option(
+    "--revision",
+    "revisions",
+    type=click.IntRange(1),
+    multiple=True,
+    metavar="N",
+    help="Compare this revision with the newest one, or with a second one that is given.",
+)
 @click.pass_context
 def diff(
     ctx: click.Context,
@@ -65,10 +74,18 @@ def diff(
     data: dict[str, Any],
     exit_code: bool,  # noqa: FBT001 - click passes them by name
     adopt: bool,  # noqa: FBT001
+    revisions: tuple[int, ...],
 ) -> int:
     """Show what a job would change on the cluster; nothing is written."""
     from rigel_k8s.commands import releases
 
+    if len(revisions) > 2:
+        raise UserError("--revision is given more than twice", hint="two revisions are compared")
+    if revisions:
+        newest = None if len(revisions) == 1 else revisions[1]
+        text = releases.compare(settings(ctx), job, revisions[0], newest)
+        print_difference(text)
+        return 1 if exit_code and text else 0
     try:
         found = releases.diff(settings(ctx, adopt=adopt), job, data)
     except RigelK8sError as error:
@@ -76,14 +93,19 @@ def diff(
             error.exit_code = 2  # 1 means that there are differences
         raise
     warn(found.warnings)
-    for line in found.text.splitlines():
-        click.secho(line, fg=line_color(line))
+    print_difference(found.text)
     if not is_quiet(ctx):
         click.echo(summary(found.steps), err=True)
     if found.conflict is not None:
         found.conflict.exit_code = 2 if exit_code else found.conflict.exit_code
         raise found.conflict
     return 1 if exit_code and any(step.writes for step in found.steps) else 0
+
+
+def print_difference(text: str) -> None:
+    """Print a unified diff."""
+    for line in text.splitlines():
+        click.secho(line, fg=line_color(line))
 
 
 def line_color(line: str) -> str | None:
@@ -110,17 +132,23 @@ def summary(steps: Iterable[Step]) -> str:
 
 @click.command()
 @release_argument
+@click.argument("number", required=False, type=click.IntRange(1))
 @namespace_option
 @json_option
 @click.pass_context
-def history(ctx: click.Context, /, job: str | None, output: str) -> None:
-    """List the revisions of a release with what each changed, the newest last."""
+def history(ctx: click.Context, /, job: str | None, number: int | None, output: str) -> None:
+    """List the revisions of a release with what each changed, or show one by its NUMBER."""
     from datetime import datetime, timezone
 
     from rigel_k8s.cli.listing import STATES
     from rigel_k8s.cli.tables import age, table
     from rigel_k8s.commands import releases
 
+    if number is None and job and job.isdigit():
+        number, job = int(job), None
+    if number is not None:
+        show_revision(*releases.show(settings(ctx), job, number), output)
+        return
     found, now = releases.history(settings(ctx), job), datetime.now(timezone.utc)
     if output == "json":
         columns = ("number", "status", "created", "by", "description", "images", "changes")
@@ -143,6 +171,28 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
         click.echo(table(heads, cells, ("IMAGE", "DESCRIPTION", "BY"), colors))
     else:
         click.echo("no revisions: nothing was deployed", err=True)
+
+
+def show_revision(entry: Entry, revision: Revision, output: str) -> None:
+    """Print one revision: who made it, what it changed, and the options of its job."""
+    from rigel_k8s.yaml_text import document
+
+    notes = {
+        "revision": entry.number,
+        "status": entry.status,
+        "created": entry.created,
+        "by": entry.by,
+        "description": entry.description,
+        "images": list(entry.images),
+        "changes": list(entry.changes),
+        "failure": revision.failure,
+        "folder": revision.source,
+    }
+    whole = {**{key: value for key, value in notes.items() if value}, "with": revision.options}
+    if output == "json":
+        print_json(whole)
+    else:
+        click.echo(document(whole), nl=False)
 
 
 @click.command()

@@ -18,9 +18,9 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import removal, together
 from rigel_k8s.release import restart as restarts
 from rigel_k8s.release import rollback as rollbacks
-from rigel_k8s.release.difference import difference
+from rigel_k8s.release.difference import compare_objects, difference
 from rigel_k8s.release.history import Entry, History
-from rigel_k8s.release.revisions import records
+from rigel_k8s.release.revisions import Record, records
 from rigel_k8s.release.status import no_release_error
 from rigel_k8s.release.types import DeployOptions, Plan, Revision, Step
 from rigel_k8s.report import Reporter
@@ -93,12 +93,55 @@ def history(settings: Settings, job: str | None) -> Sequence[Entry]:
     Raises:
         UserError: the release has no revision.
     """
+    return History(ROS_NAME_ANNOTATION).make_entries(read_records(settings, job))
+
+
+def show(settings: Settings, job: str | None, number: int) -> tuple[Entry, Revision]:
+    """Return one revision of a release, and what it changed.
+
+    Raises:
+        UserError: the release has no such revision.
+    """
+    known = read_records(settings, job)
+    revision = choose(known, number)
+    [entry] = [
+        one for one in History(ROS_NAME_ANNOTATION).make_entries(known) if one.number == number
+    ]
+    return entry, revision
+
+
+def compare(settings: Settings, job: str | None, old: int, new: int | None) -> str:
+    """Return what differs in two revisions as a unified diff; None is the newest one.
+
+    Raises:
+        UserError: the release has no such revision.
+    """
+    known = read_records(settings, job)
+    before, after = choose(known, old), choose(known, new or known[-1].number)
+    names = f"revision {before.number}", f"revision {after.number}"
+    return compare_objects(before.objects, after.objects, names)
+
+
+def read_records(settings: Settings, job: str | None) -> Sequence[Record]:
+    """Return the records of a release, oldest first.
+
+    Raises:
+        UserError: it has none.
+    """
     found = release(settings, job)
     with found.cluster as cluster:
         known = records(cluster, found.id)
     if not known:
         raise no_release_error(found.id)
-    return History(ROS_NAME_ANNOTATION).make_entries(known)
+    return known
+
+
+def choose(known: Sequence[Record], number: int) -> Revision:
+    """Return a revision by its number."""
+    for record in known:
+        if record.number == number:
+            return record.revision()
+    raise rollbacks.no_revision_error(known, known[0].release, f"no revision {number}")
 
 
 def rollback(

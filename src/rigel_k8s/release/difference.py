@@ -13,7 +13,7 @@ import attrs
 import yaml
 
 from rigel_k8s.objects.marks import NAME_LABEL
-from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.release.labelling import HASH_ANNOTATION
 from rigel_k8s.release.plan import substance
@@ -33,7 +33,24 @@ HUNK = re.compile(r"^@@ -(\d+).*")
 Change: TypeAlias = tuple[str | None, str | None]
 
 
-def difference(steps: Iterable[Step]) -> str:
+def compare_objects(
+    before: Iterable[Manifest], after: Iterable[Manifest], names: tuple[str, str]
+) -> str:
+    """Return what differs in two revisions' objects as a unified diff, "" if nothing does.
+
+    Args:
+        names: of the revisions.
+    """
+    old, new = ({ref_of(one): one for one in objects} for objects in (before, after))
+    steps = [
+        Step("create" if ref not in old else "change", ref, live=old.get(ref), result=new[ref])
+        for ref in new
+    ]
+    steps += [Step("prune", ref, live=old[ref]) for ref in old if ref not in new]
+    return difference(sorted(steps, key=lambda step: step.ref), names)
+
+
+def difference(steps: Iterable[Step], names: tuple[str, str] = ("cluster", "Rigelfile")) -> str:
     """Return what steps change as a unified diff, "" if they change nothing.
 
     An object whose name has a digest of its content is compared with the one whose place it takes.
@@ -54,7 +71,7 @@ def difference(steps: Iterable[Step]) -> str:
         for change in its.values():
             places.setdefault(change, []).append(step)
     return "".join(
-        step_difference(step, before, {key: places[change] for key, change in its.items()})
+        step_difference(step, before, {key: places[change] for key, change in its.items()}, names)
         for (step, before), its in zip(pairs, changes, strict=True)
     )
 
@@ -86,12 +103,15 @@ def stem(ref: ObjectRef) -> ObjectRef:
     return attrs.evolve(ref, name=DIGEST.sub("", ref.name))
 
 
-def step_difference(step: Step, gone: Step | None, places: Mapping[str, Sequence[Step]]) -> str:
+def step_difference(
+    step: Step, gone: Step | None, places: Mapping[str, Sequence[Step]], names: tuple[str, str]
+) -> str:
     """Return what one step changes.
 
     Args:
         gone: the step that removes the object whose place it takes.
         places: the steps that change a file alike, by its key here.
+        names: where the two sides are from.
     """
     known = {key for key, (first, *_) in places.items() if first is not step}
     if places and known == places.keys():
@@ -100,14 +120,14 @@ def step_difference(step: Step, gone: Step | None, places: Mapping[str, Sequence
     was, will = leave_out(before.live, known), leave_out(step.result, known)
     old = lines(was if before.action != "create" else None, will, "as it is")
     new = lines(will if step.action != "prune" else None, was, "changed")
-    heads = f"{before.ref} (cluster)", f"{step.ref} (Rigelfile)"
+    heads = f"{before.ref} ({names[0]})", f"{step.ref} ({names[1]})"
     unified = difflib.unified_diff(old, new, *heads)
     found = [HUNK.sub(lambda hunk: name_text(hunk, old), line) for line in unified]
     for key, steps in places.items():
         metas = [one.result["metadata"] for one in steps if one is not step and one.result]
         if metas and key not in known:
-            names = [(meta.get("labels") or {}).get(NAME_LABEL, meta["name"]) for meta in metas]
-            found.append(f"{key}: the same change restarts {join_words(dict.fromkeys(names))}\n")
+            others = [(meta.get("labels") or {}).get(NAME_LABEL, meta["name"]) for meta in metas]
+            found.append(f"{key}: the same change restarts {join_words(dict.fromkeys(others))}\n")
     return "".join(found)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -18,6 +20,12 @@ from rigel_k8s.release.revisions import BY, CREATED, DAMAGES, DESCRIPTION, Recor
 FILES = "files"
 #: Files of one volume that are named; more are counted.
 MOST_FILES = 3
+#: Characters of an option's value that are shown.
+LONGEST = 40
+#: Variables whose values are not shown.
+SECRET = re.compile("PASS|SECRET|TOKEN|KEY|CREDENTIAL", re.I)
+#: The value of an option that is not there.
+UNSET: Any = object()
 
 
 @attrs.frozen
@@ -28,7 +36,7 @@ class Entry:
         status: pending, good, failed or superseded.
         by: user@machine of the process that made it, "" if it does not say so.
         images: those of its workloads, each once.
-        changes: what it changed, a line for each workload.
+        changes: what it changed, a line for each option and workload.
         back: what a rollback to it would change.
     """
 
@@ -42,6 +50,14 @@ class Entry:
     back: tuple[str, ...]
 
 
+@attrs.frozen
+class Content:
+    """What a revision has: the options of its job, and its workloads by name."""
+
+    options: Mapping[str, Any] = attrs.field(factory=dict)
+    workloads: Mapping[str, Manifest] = attrs.field(factory=dict)
+
+
 class History:
     """Revisions as entries; each is decompressed once.
 
@@ -51,15 +67,15 @@ class History:
 
     def __init__(self, naming: str = "") -> None:
         self._naming = naming
-        self._workloads: dict[int, dict[str, Manifest]] = {}
+        self._contents: dict[int, Content] = {}
 
     def make_entries(self, records: Sequence[Record]) -> list[Entry]:
         """Return the entries of a release's records, the oldest first."""
         numbers = [record.number for record in records]
-        self._workloads = {n: found for n, found in self._workloads.items() if n in numbers}
+        self._contents = {n: found for n, found in self._contents.items() if n in numbers}
         for record in records:
-            if record.number not in self._workloads:
-                self._workloads[record.number] = read_workloads(record)
+            if record.number not in self._contents:
+                self._contents[record.number] = read_content(record)
         now = numbers[-1] if numbers else 0
         last_good = find_good(records)
         return [
@@ -70,7 +86,7 @@ class History:
     def make_entry(self, record: Record, before: int | None, now: int, *, replaced: bool) -> Entry:
         """Return one entry."""
         number, notes = record.number, record.secret["metadata"].get("annotations") or {}
-        workloads = self._workloads[number].values()
+        workloads = self._contents[number].workloads.values()
         found = [image for live in workloads for image in images(live).values()]
         return Entry(
             number,
@@ -84,26 +100,28 @@ class History:
         )
 
     def compare(self, old: int, new: int) -> tuple[str, ...]:
-        """Return what differs in the workloads of two revisions."""
+        """Return what differs in two revisions."""
         try:
-            return tuple(compare(self._workloads[old], self._workloads[new], self._naming))
+            return tuple(compare(self._contents[old], self._contents[new], self._naming))
         except DAMAGES:  # someone has written into a record
             return ("changed",)
 
 
-def read_workloads(record: Record) -> dict[str, Manifest]:
-    """Return a revision's workloads by name; none where it cannot be read."""
+def read_content(record: Record) -> Content:
+    """Return a revision's options and workloads; none where it cannot be read."""
     try:
-        objects = record.revision().objects
+        revision = record.revision()
+        objects = revision.objects
         workloads = [live for live in objects if live["kind"] in WORKLOADS]
         configs = {one["metadata"]["name"]: one for one in objects if one["kind"] == "ConfigMap"}
         for live in workloads:
             pod = live.get("spec", {}).get("template", {}).get("spec", {})
             pod["volumes"] = [read_files(one, configs) for one in pod.get("volumes") or []]
             list(map(shorten, images(live).values()))
-        return {live["metadata"]["name"]: live for live in split_all(workloads)}
+        named = {live["metadata"]["name"]: live for live in split_all(workloads)}
+        return Content(revision.options, named)
     except (RigelK8sError, *DAMAGES):
-        return {}
+        return Content()
 
 
 def read_files(volume: Manifest, configs: Mapping[str, Manifest]) -> Manifest:
@@ -117,16 +135,56 @@ def read_files(volume: Manifest, configs: Mapping[str, Manifest]) -> Manifest:
     return {"name": volume["name"], FILES: items}
 
 
-def compare(old: dict[str, Manifest], new: dict[str, Manifest], naming: str) -> Iterator[str]:
-    """Yield what differs in two revisions' workloads, by name."""
-    for name in sorted({*old, *new}):
-        if name not in old:
-            yield f"{show_name(new[name], naming)} is new"
-        elif name not in new:
-            yield f"{show_name(old[name], naming)} is removed"
-        elif old[name] != new[name]:
-            words = ", ".join(dict.fromkeys(compare_workload(old[name], new[name]))) or "changed"
-            yield f"{show_name(new[name], naming)}: {words}"
+def compare(old: Content, new: Content, naming: str) -> Iterator[str]:
+    """Yield what differs in two revisions: options with their values, then workloads by name.
+
+    What differs in the options explains what differs in pods, except images and files.
+    """
+    wished = list(compare_options(old.options, new.options))
+    yield from wished
+    before, after = old.workloads, new.workloads
+    for name in sorted({*before, *after}):
+        if name not in before:
+            yield f"{show_name(after[name], naming)} is new"
+        elif name not in after:
+            yield f"{show_name(before[name], naming)} is removed"
+        elif before[name] != after[name]:
+            words = list(dict.fromkeys(compare_workload(before[name], after[name])))
+            kept = [word for word in words if not wished or word.startswith(("image ", "/"))]
+            if kept or not wished:
+                yield f"{show_name(after[name], naming)}: {', '.join(kept) or 'changed'}"
+
+
+def compare_options(
+    old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...] = ()
+) -> Iterator[str]:
+    """Yield the options that differ, with their values: `brake.parameters.limit: 1.8 to 1.6`.
+
+    Nodes that are new or removed are left out: their workloads are.
+    """
+    for key in sorted({*map(str, old), *map(str, new)}):
+        before, after, place = old.get(key, UNSET), new.get(key, UNSET), (*path, key)
+        if before == after or (path == ("nodes",) and UNSET in (before, after)):
+            continue
+        if isinstance(before, Mapping) and isinstance(after, Mapping):
+            yield from compare_options(before, after, place)
+            continue
+        name = ".".join(place[1:] if place[0] == "nodes" else place)
+        if "env" in path and SECRET.search(key):
+            yield f"{name}: another value"
+        elif before is UNSET:
+            yield f"{name}: {show(after)} is new"
+        elif after is UNSET:
+            yield f"{name}: {show(before)} is removed"
+        else:
+            yield f"{name}: {show(before)} to {show(after)}"
+
+
+def show(value: Any) -> str:
+    """Return a value as a Rigelfile has it, on one short line."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    text = " ".join(text.split())
+    return f"{text[: LONGEST - 1]}…" if len(text) > LONGEST else text or '""'
 
 
 def compare_workload(old: Manifest, new: Manifest) -> Iterator[str]:

@@ -136,6 +136,13 @@ def choose_record(
     found = [record for record in records if record.number == number]
     if found:
         return found[0]
-    numbers = ", ".join(str(record.number) for record in records) or "none"
     what = f"no revision {number}" if number is not None else "no good revision before the last"
-    raise UserError(f"{release.name} has {what}", hint=f"see `rigel history`; kept: {numbers}")
+    raise no_revision_error(records, release, what)
+
+
+def no_revision_error(
+    records: Sequence[revisions.Record], release: ReleaseId, what: str
+) -> UserError:
+    """Return the error for a revision that is not kept."""
+    numbers = ", ".join(str(record.number) for record in records) or "none"
+    return UserError(f"{release.name} has {what}", hint=f"see `rigel history`; kept: {numbers}")

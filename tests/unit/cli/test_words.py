@@ -23,10 +23,11 @@ from rigel_k8s.commands import fleet, pods, releases, targets
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs import lines as log_lines
-from rigel_k8s.errors import ProblemsError
+from rigel_k8s.errors import ProblemsError, UserError
 from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem
+from rigel_k8s.release.history import Entry
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rigelfile import render_starter
 from rigel_k8s.settings import Settings
@@ -240,6 +241,32 @@ def test_history(record: Any) -> None:
     assert head == "REVISION STATUS AGE BY DESCRIPTION IMAGE CHANGES"
     assert row.startswith("1 good ")
     assert row.endswith(" ada@laptop d robot:1 talker: changed")
+
+
+@pytest.mark.parametrize(
+    ("words", "passed"),
+    [(["3"], (None, 3)), (["robot", "3"], ("robot", 3)), (["4", "3"], ("4", 3))],
+)
+def test_one_revision(record: Any, words: list[str], passed: tuple[Any, ...]) -> None:
+    """By its number, with or without the release's name."""
+    entry = Entry(3, "good", "2026-01-01T00:00:00Z", "ada", "d", ("robot:1",), ("a: 1 to 2",), ())
+    revision = SimpleNamespace(failure="", source="/robot", options={"image": "robot:1"})
+    asked = record(releases, "show", (entry, revision))
+    text = call("history", *words).stdout
+    assert asked.args[1:] == passed
+    shown = yaml.safe_load(text)
+    assert (shown["revision"], shown["changes"]) == (3, ["a: 1 to 2"])
+    assert shown["with"] == {"image": "robot:1"}
+    assert json.loads(call("history", *words, "-o", "json").stdout) == shown
+
+
+def test_revisions_are_compared(record: Any) -> None:
+    """Two at most."""
+    asked = record(releases, "compare", "-a\n+b")
+    done = call("diff", "--revision", "3", "--revision", "5", "--exit-code")
+    assert (asked.args[1:], done.stdout) == ((None, 3, 5), "-a\n+b\n")
+    with pytest.raises(UserError, match="more than twice"):
+        call("diff", *["--revision", "1"] * 3)
 
 
 def test_rollback(record: Any) -> None:

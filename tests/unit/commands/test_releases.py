@@ -18,6 +18,7 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.release import apply
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
+from rigel_k8s.release.types import Desired
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers, unready
 from tests.support.fake_cluster import FakeCluster
@@ -255,3 +256,39 @@ def test_a_release_without_revisions_is_no_table() -> None:
     with pytest.raises(UserError, match="there is no release") as error:
         releases.history(Settings(Path("Rigelfile")), None)
     assert "rigel list -A" in str(error.value.hint)
+
+
+def deploy_twice(fake: Any, report: Recorder) -> None:
+    for image, limit in (("app:1", 1.8), ("app:2", 1.6)):
+        options = {"nodes": {"brake": {"parameters": {"limit": limit}}}}
+        objects = (workload("brake", image=image), config("c" if limit > 1.7 else "d"))
+        deploy(Desired(RELEASE, objects, options=options), fake, report=report)
+
+
+def test_one_revision_is_shown_whole(fake: Any, report: Recorder) -> None:
+    """What it changed, and the options that its job had."""
+    deploy_twice(fake, report)
+    entry, revision = releases.show(Settings(), None, 2)
+    assert entry.changes[0] == "brake.parameters.limit: 1.8 to 1.6"
+    assert revision.options["nodes"]["brake"]["parameters"] == {"limit": 1.6}
+
+
+@pytest.mark.parametrize(("numbers", "signs"), [((1, None), "-+"), ((1, 2), "-+"), ((2, 1), "+-")])
+def test_two_revisions_are_compared(
+    fake: Any, report: Recorder, numbers: tuple[int, int | None], signs: str
+) -> None:
+    """The second one is the newest, unless it is named."""
+    deploy_twice(fake, report)
+    lines = releases.compare(Settings(), None, *numbers).splitlines()
+    found = {line[0]: line[1:].strip() for line in lines if "image: app" in line}
+    assert found == {signs[0]: "- image: app:1", signs[1]: "- image: app:2"}
+    assert f"--- ConfigMap n/c (revision {numbers[0]})" in lines
+    assert releases.compare(Settings(), None, 2, None) == ""
+
+
+def test_a_revision_that_is_not_kept_is_named(fake: Any, report: Recorder) -> None:
+    """With those that are."""
+    deploy_twice(fake, report)
+    with pytest.raises(UserError, match="demo has no revision 7") as caught:
+        releases.show(Settings(), None, 7)
+    assert "kept: 1, 2" in str(caught.value.hint)

@@ -105,3 +105,45 @@ def test_a_damaged_revision_hides_no_other(fake: Any, report: Any) -> None:
     records = revisions.records(fake, RELEASE)
     records[0].secret["data"] = {"release": "AAAA"}
     assert History().make_entries(records)[0].status == "good"
+
+
+def test_options_are_shown_with_their_values(fake: Any, report: Any) -> None:
+    """As the user wrote them; what differs in pods because of them is not shown again."""
+    before = {
+        "network": "peers",
+        "nodes": {
+            "brake": {
+                "parameters": {"limit": 1.8, "on": True},
+                "env": {"API_TOKEN": "abc", "A": "1"},
+            },
+            "gone": {"args": ["x"]},
+        },
+    }
+    after = {
+        "network": "macvlan",
+        "nodes": {
+            "brake": {"parameters": {"limit": 1.6}, "env": {"API_TOKEN": "def", "A": "2"}},
+            "imu": {"args": ["y" * 99]},
+        },
+        "domain_id": 7,
+    }
+    changed = workload("brake", image="app:2")
+    changed["spec"]["template"]["spec"]["containers"][0]["args"] = ["x"]
+    for objects, options in (
+        ((workload("brake"), workload("gone")), before),
+        ((changed, workload("imu")), after),
+    ):
+        deploy(Desired(RELEASE, objects, options=options), fake, report=report)
+    first, second = History().make_entries(revisions.records(fake, RELEASE))
+    assert list(second.changes) == [
+        "domain_id: 7 is new",
+        "network: peers to macvlan",
+        "brake.env.A: 1 to 2",
+        "brake.env.API_TOKEN: another value",
+        "brake.parameters.limit: 1.8 to 1.6",
+        "brake.parameters.on: true is removed",
+        "brake: image app:1 to app:2",
+        "gone is removed",
+        "imu is new",
+    ]
+    assert "brake.parameters.limit: 1.6 to 1.8" in first.back

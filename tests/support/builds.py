@@ -47,7 +47,7 @@ PROOF: dict[str, Callable[[], object]] = {
 ALL = PROOF | {
     "the node on RustDDS": rustdds_node,
     "a kubelet that says k3s": programs("k3s"),
-    "the Prometheus operator": programs("prometheus-operator"),
+    "Promtail and the Prometheus operator": programs("promtail", "prometheus-operator"),
     "the ROS 2 base image, kilted": image("rigel_lab", "ros2-base", "--distro", "kilted"),
     "the image of Muto's agent": image("rigel_k8s", "image", "muto-agent"),
 }

@@ -54,7 +54,7 @@ def cluster() -> None:
     "--with",
     "extras",
     multiple=True,
-    type=click.Choice(["kubectl", "multus", "observability", "prometheus-operator"]),
+    type=click.Choice(["kubectl", "multus", "observability", "promtail", "prometheus-operator"]),
     metavar="[kubectl|multus|observability]",
     help="Add these images to the cluster's registry, or a kubectl of the same version;"
     " repeatable, also for a running cluster.",

@@ -49,9 +49,9 @@ ON_REQUEST = {
         "kubectl": ["kubectl"],
         "multus": ["multus", "whereabouts", "cni-plugins"],
         "observability": [
-            *("loki", "promtail", "otel-collector"),
-            *("prometheus", "kube-state-metrics", "node-exporter"),
+            *("loki", "otel-collector", "prometheus", "kube-state-metrics", "node-exporter"),
         ],
+        "promtail": ["promtail"],
         "prometheus-operator": ["prometheus-operator"],
         "k3s": ["k3s"],
     }.items()

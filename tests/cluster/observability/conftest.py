@@ -130,21 +130,30 @@ def is_ready(pod: dict[str, Any]) -> bool:
 
 @pytest.fixture(scope="session", autouse=True)
 def _images(context: str) -> None:
-    """The stack's images in the local cluster's registry, built politely beside other tests."""
+    """The stack's images in the local cluster's registry."""
+    offer("observability")
+
+
+@pytest.fixture(scope="session")
+def more_images(context: str) -> None:
+    """The images of what few tests use."""
     from rigel_lab.cluster.extras import EXTRAS
 
+    for extra in EXTRAS.keys() - {"multus", "observability"}:
+        offer(extra)
+
+
+def offer(extra: str) -> None:
+    """Put an extra's images into the local cluster's registry."""
     if not shared.possible():
         return
-    extras = [name for name in EXTRAS if name != "multus"]
-    build = f"from rigel_lab.cluster import components; components.obtain(print, {extras})"
-    words = ["cluster", "up", "--name", shared.NAME]
-    words += [word for extra in extras for word in ("--with", extra)]
+    build = f"from rigel_lab.cluster import components; components.obtain(print, ['{extra}'])"
 
-    def offer() -> None:
+    def do() -> None:
         subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
-        run_rigel(*words)
+        run_rigel("cluster", "up", "--name", shared.NAME, "--with", extra)
 
-    shared.once("extras", offer)
+    shared.once(f"extra {extra}", do)
 
 
 @pytest.fixture(scope="session")

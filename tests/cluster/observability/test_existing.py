@@ -26,7 +26,7 @@ from tests.support.releases import deploy
 from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, until
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("more_images")]
 
 LABELS = {"release": "theirs"}
 ACCOUNT = "theirs"

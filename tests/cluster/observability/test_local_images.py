@@ -20,7 +20,7 @@ from rigel_lab.cluster import oci
 from rigel_lab.cluster.extras import IMAGES, shorten_name
 from rigel_lab.images import exporter
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("more_images")]
 
 #: Image -> what its program says when asked for its version.
 VERSIONS = {

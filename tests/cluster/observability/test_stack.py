@@ -277,7 +277,12 @@ def check_restart(talker: Talker, collector: str) -> None:
 
 
 def test_promtail_reads_the_same(
-    watching: Stack, context: str, base_image: str, namespace: str, tmp_path: Path
+    watching: Stack,
+    more_images: None,
+    context: str,
+    base_image: str,
+    namespace: str,
+    tmp_path: Path,
 ) -> None:
     """`collector: promtail` replaces the collector; levels, labels and tracebacks stay."""
     watching.deploy({"collector": "promtail"})

@@ -169,13 +169,13 @@ def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
             ["observability"],
             [
                 "loki",
-                "promtail",
                 "otel-collector",
                 "prometheus",
                 "kube-state-metrics",
                 "node-exporter",
             ],
         ),
+        (["promtail"], ["promtail"]),
         (["prometheus-operator"], ["prometheus-operator"]),
     ],
 )

@@ -22,7 +22,7 @@ PROMTAIL = BUILDS["promtail"]
 
 pytestmark = pytest.mark.programs
 
-EXTRAS = ("observability", "prometheus-operator")
+EXTRAS = ("observability", "promtail", "prometheus-operator")
 #: As whom each runs: as upstream's says it, since `runAsNonRoot` refuses a user without a number.
 USERS = {
     IMAGES["loki"]: "10001",
@@ -95,7 +95,7 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 def test_what_rigel_deploys_is_what_is_offered() -> None:
     """The stack's own defaults are in the registry, but for Grafana."""
     programs = ("loki", "promtail", "otel-collector", "prometheus", "kube-state-metrics")
-    assert set(list_offered(["observability"])) == {
+    assert set(list_offered(["observability", "promtail"])) == {
         load(f"programs/{name}.yaml")["pod"]["containers"][0]["image"]
         for name in (*programs, "node-exporter")
     }

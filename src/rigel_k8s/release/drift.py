@@ -87,6 +87,21 @@ def describe_drift(live: Manifest) -> list[str]:
     ]
 
 
+def describe_halt(live: Manifest) -> str:
+    """Return that someone has stopped a workload, or the roll-out of its updates; "" if no one has.
+
+    Kubernetes keeps no owner of a number of pods that `kubectl scale` has set.
+    """
+    ours = (find_owned_fields(live) or {}).get("f:spec")
+    if not ours or live["kind"] not in ("Deployment", "StatefulSet"):
+        return ""
+    if live["spec"].get("replicas") == 0 and "f:replicas" not in ours:
+        return "is stopped: someone has scaled it to 0 pods"
+    if live["spec"].get("paused") and "f:paused" not in ours:
+        return "someone has paused its roll-outs"
+    return ""
+
+
 def remove_drift(live: Manifest) -> dict[str, Any]:
     """Return an object without what others have added."""
     made = dict(live)

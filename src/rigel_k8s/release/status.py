@@ -16,7 +16,7 @@ from rigel_k8s.objects.marks import NAME_LABEL, OPTIONAL_ANNOTATION, RELEASE_LAB
 from rigel_k8s.objects.podnodes import shared_pod, split
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
-from rigel_k8s.release.drift import describe_drift
+from rigel_k8s.release.drift import describe_drift, describe_halt
 from rigel_k8s.release.order import RUNNING, WORKLOADS
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.rollout.causes import (
@@ -283,12 +283,14 @@ def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadSta
         events = surroundings.list_events(live, *sets, *pods)
         wrong = causes(live, newest, events, sets)
         message = "; ".join([message, *(cause.message for cause in wrong)])
+    if halt := describe_halt(live):
+        message = f"{halt}; `rigel run` with its Rigelfile puts it right"
     return WorkloadStatus(
         live["kind"],
         live["metadata"]["name"],
         state.ready,
         state.wanted,
-        state.done and state.ok,
+        state.done and state.ok and not halt,
         message,
         describe_pods(pods, surroundings),
         live["metadata"].get("annotations") or {},

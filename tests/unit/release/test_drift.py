@@ -9,9 +9,10 @@ import pytest
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.release import together
 from rigel_k8s.release.drift import describe_drift
+from rigel_k8s.release.status import status
 from rigel_k8s.release.types import DeployOptions
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import config, desired, ref, workload
+from tests.support.manifests import RELEASE, config, desired, ref, workload
 from tests.support.releases import deploy, diff
 
 TALKER = ref("Deployment", "talker")
@@ -134,3 +135,41 @@ def test_notes_and_restarts_are_no_drift(fake: FakeCluster, report: Any) -> None
     body = {"metadata": {"labels": {"team": "a"}}, "spec": {"template": {"metadata": note}}}
     fake.as_manager("kubectl-rollout").patch(TALKER, body)
     assert describe_drift(fake.objects[TALKER]) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"replicas": 0}, "is stopped: someone has scaled it to 0 pods"),
+        ({"paused": True}, "someone has paused its roll-outs"),
+    ],
+)
+def test_what_someone_has_stopped_is_not_ready(
+    fake: FakeCluster, report: Any, change: dict[str, Any], words: str
+) -> None:
+    """In `status`, whose exit code says it; a deploy puts it right."""
+    wanted = desired(workload(replicas=1), workload("other"))
+    deploy(wanted, fake, report=report)
+    if "replicas" in change:
+        fake.as_manager("kubectl").scale(TALKER, 0)
+    else:
+        fake.as_manager("kubectl").patch(TALKER, {"spec": change})
+    fake.settle()
+    found = status(fake, RELEASE)
+    assert found is not None
+    talker = next(one for one in found.workloads if one.name == "talker")
+    assert words in talker.message
+    assert not talker.ok
+
+    deploy(wanted, fake, report=report, adopt=True)
+    again = status(fake, RELEASE)
+    assert again is not None
+    assert all(one.ok for one in again.workloads)
+
+
+def test_what_the_rigelfile_stops_is_as_it_is_to_be(fake: FakeCluster, report: Any) -> None:
+    """A node with `replicas: 0`."""
+    deploy(desired(workload(replicas=0)), fake, report=report)
+    found = status(fake, RELEASE)
+    assert found is not None
+    assert all(one.ok for one in found.workloads)

@@ -31,6 +31,11 @@ GROUNDS: tuple[tuple[Ground, str], ...] = (
 )
 #: How an API server reports that it has no connection to a kubelet.
 UNREACHED = re.compile(r"dial tcp [^ ]+: (?:connect: )?(.+)$")
+#: What to do about a refusal that is not about rights, by a word of its message.
+REMEDIES = (
+    ("being terminated", "the namespace is being deleted: wait for its end, then run it again"),
+    ("exceeded quota: ", "delete what is no longer needed, or have the quota raised"),
+)
 RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --list` shows yours"
 
 
@@ -117,7 +122,7 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     message = str(answer.get("message") or f"HTTP status {status}")
     kinds: Mapping[int, type[Refusal]] = {403: Forbidden, 404: Missing, 409: Conflict}
     kind = kinds.get(status, Refusal) if is_of_kubernetes(body) else Refusal
-    error = kind(f"cannot {what}: {message}", hint=hint(status, context, server))
+    error = kind(f"cannot {what}: {message}", hint=hint(status, message, context, server))
     error.words = message
     error.status, error.reason = status, str(answer.get("reason") or "")
     error.causes = tuple(causes(answer))
@@ -175,12 +180,12 @@ def garbled_error(what: str, url: str, body: bytes, reason: str) -> Garbled:
     )
 
 
-def hint(status: int, context: str, server: str) -> str | None:
-    """Return what to do about an HTTP status, if that is known."""
+def hint(status: int, message: str, context: str, server: str) -> str | None:
+    """Return what to do about an HTTP status and its message, if that is known."""
     if status == 401:
         return LOGIN.format(context=context or "this pod") + f" (server {server})"
     if status == 403:
-        return RIGHTS
+        return next((remedy for word, remedy in REMEDIES if word in message), RIGHTS)
     return None
 
 

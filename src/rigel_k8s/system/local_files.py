@@ -40,7 +40,10 @@ def read_bytes(
     """
     if "\0" in str(path):
         raise UserError(f"{what}: {str(path)!r} is not a valid file name")
-    real = path.resolve()
+    try:
+        real = path.resolve()
+    except RuntimeError:  # before Python 3.13
+        raise UserError(f"{what}: {path} is a symbolic link that leads to itself") from None
     if not real.is_relative_to(directory.resolve()):
         require_trust(directory, f"{what}: {real} is outside the Rigelfile's directory")
     # Without O_NONBLOCK a named pipe would wait for a writer.

@@ -99,6 +99,7 @@ def test_a_changed_file_gives_its_node_new_pods_that_have_it(home: Path) -> None
         ("../secret", "outside the Rigelfile's directory"),
         ("linked", "cannot read"),
         ("pipe", "not a regular file"),
+        ("loop", "symbolic link"),
         ("large", f"more than {MOST_BYTES} bytes"),
         ("many", f"more than {MOST_FILES}"),
     ],
@@ -112,6 +113,7 @@ def test_what_cannot_be_mounted_is_refused_at_its_place(
     (home.parent / "secret").write_text("key")
     (home / "linked/out").symlink_to(home / "maps")
     os.mkfifo(home / "pipe")
+    (home / "loop").symlink_to(home / "loop")
     (home / "large").write_bytes(b"0" * (MOST_BYTES + 1))
     for number in range(MOST_FILES + 1):
         (home / f"many/{number}").write_text("")

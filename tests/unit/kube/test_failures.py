@@ -33,6 +33,18 @@ def test_statuses_become_the_errors_that_others_catch() -> None:
     assert "context far" in (refused(401, message="m").hint or "")
 
 
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ('secrets "x" is forbidden: exceeded quota: q, requested: count/secrets=1', "quota raised"),
+        ('"x" is forbidden: ... because namespace n is being terminated', "is being deleted"),
+    ],
+)
+def test_a_refusal_that_is_not_about_rights_has_another_hint(message: str, words: str) -> None:
+    """No one who has the right should ask for it."""
+    assert words in str(refused(403, message=message).hint)
+
+
 def test_a_field_conflict_names_managers_and_fields() -> None:
     """As server-side apply tells them."""
     causes = [

@@ -14,12 +14,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError, NotFoundError, UserError
-from rigel_k8s.kube import websocket
+from rigel_k8s.kube import execution, forwarding, websocket
 from rigel_k8s.kube.failures import Forbidden, Garbled
 from rigel_k8s.kube.target import Credentials
 from tests.support.http_server import Exchange
@@ -102,19 +103,24 @@ def end_with(*frames: tuple[int, bytes]) -> Any:
     return answer
 
 
-def test_a_command_that_does_not_end_is_an_error_in_time(serve: Any) -> None:
+def test_a_command_that_does_not_end_is_an_error_in_time(
+    serve: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With what it has said meanwhile."""
+    # The deadline is set; a minute for the first frame, a tenth of a second for the next; over.
+    clock = iter([0.0, 0.0, 59.9, 60.0])
+    monkeypatch.setattr(execution, "time", SimpleNamespace(monotonic=clock.__next__))
     over = threading.Event()
 
     def answer(exchange: Exchange) -> None:
         Channels(exchange).send(STDERR, b"waiting for the master\n")
-        over.wait(20)
+        over.wait(60)
 
     cluster, _ = serve(answer)
-    started = time.monotonic()
-    with pytest.raises(ClusterError, match=r"rosnode in Pod robot/talker did not end") as caught:
-        cluster.run(*POD, ["rosnode", "ping"], timeout=0.2)
-    assert time.monotonic() - started < 10
+    with pytest.raises(
+        ClusterError, match=r"rosnode in Pod robot/talker did not end within 60 s"
+    ) as caught:
+        cluster.run(*POD, ["rosnode", "ping"], timeout=60)
     over.set()
     assert caught.value.details == ("waiting for the master",)
 
@@ -331,21 +337,33 @@ def test_a_missing_right_to_forward_is_kept_apart(
         assert (forward.denied and forward.denied.ground) == ground
 
 
-def test_an_answer_may_come_after_the_last_byte_of_the_question(serve: Any) -> None:
+def test_an_answer_may_come_after_the_last_byte_of_the_question(
+    serve: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A client that says no more still listens; a websocket cannot be closed by half."""
+    lingers = threading.Event()  # we have seen the end of the question
+
+    class Over(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout == forwarding.LINGER
+            lingers.set()
+            return super().wait(timeout)
+
+    threads = SimpleNamespace(Event=Over, Thread=threading.Thread)
+    monkeypatch.setattr(forwarding, "threading", threads)
 
     def answer(exchange: Exchange) -> None:
         channels = Channels(exchange)
         greet(channels, 7000)
         channels.receive()
-        time.sleep(0.2)
+        assert lingers.wait(60)
         channels.send(DATA, b"late")
         channels.close()
 
     cluster, _ = serve(answer)
     with cluster.port_forward(*POD, {7000: 0}) as forward:
         address = ("127.0.0.1", forward.ports[7000])
-        with socket.create_connection(address, timeout=10) as connection:
+        with socket.create_connection(address, timeout=60) as connection:
             connection.sendall(b"x")
             connection.shutdown(socket.SHUT_WR)
             assert connection.recv(100) == b"late"

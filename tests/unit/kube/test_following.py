@@ -5,30 +5,37 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from rigel_k8s.kube import pods
 from rigel_k8s.kube.cluster import Cluster
 from tests.support.http_server import Exchange
 
-SLOW = 0.05  # seconds that an answer takes
+SLOW = 60.0  # seconds that an answer takes by the clock of the one who asks
 CONTAINER = ("n", "talker", "node")
 
 
 @pytest.fixture
-def kubelet(serve: Any) -> Callable[..., Cluster]:
+def kubelet(serve: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Cluster]:
     """Return what starts a slow kubelet behind an API server.
 
-    A log that is followed ends twice as slowly as others, or with its container.
+    A log that is followed ends a tenth of a second after it was asked for, or with its container.
     """
 
     def start(*, runs: threading.Event | None = None, status: int = 200) -> Cluster:
+        now = [0.0]
+        monkeypatch.setattr(pods, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
         def answer(exchange: Exchange) -> None:
-            follows = "follow" in exchange.request_.query
-            if follows and runs is not None:
+            if "follow" not in exchange.request_.query:
+                now[0] += 0.0 if runs else SLOW
+            elif runs:
                 runs.wait(60)
-            time.sleep(2 * SLOW if follows else SLOW)
+            else:
+                time.sleep(0.1)
             exchange.say(status)
 
         cluster: Cluster = serve(answer)[0]

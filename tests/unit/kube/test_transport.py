@@ -8,7 +8,9 @@ import subprocess
 import threading
 import time
 from base64 import b64encode
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,6 +25,7 @@ from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.kube.transport import Transport
 from rigel_k8s.system.proxy import proxy_for
 from tests.support.http_server import Exchange, HttpServer, serving
+from tests.support.until import until
 
 
 def transport_to(serve: Any, answer: Any, **target: Any) -> tuple[Transport, HttpServer]:
@@ -215,8 +218,9 @@ def test_a_stream_that_falls_silent_ends_and_one_that_never_begins_is_an_error(s
 
     def answer(exchange: Exchange) -> None:
         if exchange.request_.path == "/x":
-            exchange.stream(b"one\n")
-        hold.wait(20)
+            head = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
+            exchange.wfile.write(head + b"4\r\none\n\r\n")  # what has begun has its line
+        hold.wait(60)
 
     transport, _ = transport_to(serve, answer)
     stream = stream_of(transport, timeout=0.05)
@@ -489,14 +493,16 @@ def test_an_answer_that_ends_does_not_go_on(serve: Any) -> None:
         assert not transport.goes_on("/log", 60)
 
 
-def test_an_answer_that_stays_open_goes_on(serve: Any) -> None:
+def test_an_answer_that_stays_open_goes_on(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it is silent, as a quiet node's log, or never stops; a refusal says nothing."""
     over = threading.Event()
 
     def talk(exchange: Exchange) -> None:
         exchange.stream()
-        while not over.wait(0.01):
+        end = time.monotonic() + 60
+        while time.monotonic() < end and not over.wait(0.01):
             exchange.chunk(b"line\n")
+        exchange.chunk(b"")
 
     def be_silent(exchange: Exchange) -> None:
         over.wait(30)
@@ -509,8 +515,25 @@ def test_an_answer_that_stays_open_goes_on(serve: Any) -> None:
         exchange.stream(b"line\n")
         exchange.hang_up()
 
-    for answer in (be_silent, begin_and_be_silent, talk, break_off, lambda e: e.say(403, b"no")):
-        transport, _ = transport_to(serve, answer)
-        assert transport.goes_on("/log", 0.1)
+    def goes_on(answer: Callable[[Exchange], None], seconds: float) -> bool:
+        transport, server = transport_to(serve, answer)
+        found = transport.goes_on("/log", seconds)
+        until(lambda: server.requests, "request", every=0.01)
+        return found
+
+    assert goes_on(be_silent, 0.1)
+    for answer in (break_off, lambda e: e.say(403, b"no")):
+        assert goes_on(answer, 60)  # each is over long before
+    # What begins has a minute to do so; only then do its seconds count, and these are over soon.
+    timers: list[float] = []
+
+    def start_timer(seconds: float, act: Callable[[], None]) -> threading.Timer:
+        timers.append(seconds)
+        return threading.Timer(0.05, act)
+
+    monkeypatch.setattr(module, "threading", SimpleNamespace(Timer=start_timer))
+    for answer in (begin_and_be_silent, talk):
+        assert goes_on(answer, 60)
+    assert timers == [60, 60]
     over.set()
     assert Transport(Target("http://127.0.0.1:1", "test")).goes_on("/log", 1)

@@ -13,11 +13,13 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import IMAGE_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release import locking
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.rollout import standing, wait
 from rigel_k8s.release.rollout.patience import Patience
+from tests.support.clock import Leap
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
@@ -208,15 +210,30 @@ def test_down_returns_when_the_data_are_gone(fake: Any, report: Recorder) -> Non
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Looks without pauses."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.01)
+    """Looks without pauses; each renewal of the Lease lets the controllers look again."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
     monkeypatch.setattr(wait, "LOOK", 0.01)
     monkeypatch.setattr(wait, "QUIET", 0.0)
-    monkeypatch.setattr(standing, "GRACE", 0.3)
+    monkeypatch.setattr(locking, "RENEW", 0.05)
 
 
-def test_what_is_optional_may_crash(fake: Any, report: Recorder, quick: None) -> None:
+def leap(
+    monkeypatch: pytest.MonkeyPatch, report: Recorder, seconds: float, *states: tuple[str, str]
+) -> None:
+    """Let a roll-out's clock stand still until some states are shown: (workload, its words)."""
+
+    def is_shown(name: str, words: str) -> bool:
+        return any(key == name and words in text for key, text, _ in report.states)
+
+    clock = Leap(lambda: all(is_shown(*state) for state in states), seconds)
+    monkeypatch.setattr(wait, "time", clock)
+
+
+def test_what_is_optional_may_crash(
+    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is told, and the release is good without it."""
+    leap(monkeypatch, report, standing.GRACE, ("extra", "exited"), ("talker", "1 of 1 ready"))
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         return crash_status(pod) if "extra" in pod["metadata"]["name"] else running(pod)
@@ -242,14 +259,16 @@ def unpulled(pod: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_a_cause_that_lasts_is_told_once_with_its_remedy(
-    fake: Any, report: Recorder, quick: None
+    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the present state while the deploy waits, and then in the error."""
+    cause = "image app:1 cannot be pulled: not found"
+    leap(monkeypatch, report, Patience().image, ("listener", cause), ("talker", cause))
     fake.store.controllers = Controllers(unpulled)
     wanted = desired(workload("listener"), workload())
     with pytest.raises(RolloutFailed) as caught:
-        deploy(wanted, fake, report=report, patience=Patience(image=0.1))
-    error, cause = caught.value, "image app:1 cannot be pulled: not found"
+        deploy(wanted, fake, report=report)
+    error = caught.value
     assert error.message == f"listener, talker did not become ready: {cause}"
     assert error.details == ()
     remedy = "push it, correct its name, or give the namespace a pull secret"
@@ -259,14 +278,15 @@ def test_a_cause_that_lasts_is_told_once_with_its_remedy(
 
 
 def test_an_image_that_another_option_sets_is_told_with_it(
-    fake: Any, report: Recorder, quick: None
+    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Roscore's image is a name that no user has written."""
+    leap(monkeypatch, report, Patience().image, ("ros-master", "cannot be pulled"))
     fake.store.controllers = Controllers(unpulled)
     master = workload("ros-master")
     master["metadata"]["annotations"] = {IMAGE_ANNOTATION: "set `ros_master_image`"}
     with pytest.raises(RolloutFailed) as caught:
-        deploy(desired(master), fake, report=report, patience=Patience(image=0.1))
+        deploy(desired(master), fake, report=report)
     assert str(caught.value.hint).startswith("set `ros_master_image`; push it")
 
 
@@ -295,8 +315,11 @@ def test_an_interruption_tells_the_causes(fake: Any, report: Recorder, quick: No
     assert report.warnings == ["talker: image app:1 cannot be pulled: not found"]
 
 
-def test_what_only_events_tell_is_told(fake: Any, report: Recorder, quick: None) -> None:
+def test_what_only_events_tell_is_told(
+    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A volume that cannot be mounted shows nowhere else."""
+    leap(monkeypatch, report, Patience().mount, ("talker", "FailedMount"))
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         about = {"uid": pod["metadata"]["uid"], "name": pod["metadata"]["name"], "kind": "Pod"}
@@ -308,7 +331,7 @@ def test_what_only_events_tell_is_told(fake: Any, report: Recorder, quick: None)
 
     fake.store.controllers = Controllers(kubelet)
     with pytest.raises(RolloutFailed, match="FailedMount: no such map"):
-        deploy(desired(workload()), fake, report=report, patience=Patience(mount=0.05), timeout=5)
+        deploy(desired(workload()), fake, report=report)
 
 
 class Full(Controllers):
@@ -325,9 +348,12 @@ class Full(Controllers):
         self.status(store, store.objects[ref_of(live)], {**status, "conditions": [condition]})
 
 
-def test_a_quota_that_is_full_is_the_cause(fake: Any, report: Recorder, quick: None) -> None:
+def test_a_quota_that_is_full_is_the_cause(
+    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each pod alone fits, so no dry run names it: the roll-out does, with Kubernetes' numbers."""
+    leap(monkeypatch, report, Patience().quota, ("talker", "exceeded quota"))
     fake.store.controllers = Full()
     with pytest.raises(RolloutFailed, match=r"exceeded quota: small, limited: pods=1") as caught:
-        deploy(desired(workload()), fake, report=report, patience=Patience(quota=0.1), timeout=5)
+        deploy(desired(workload()), fake, report=report)
     assert str(caught.value.hint).startswith("request less, or have it raised")

@@ -16,6 +16,7 @@ from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import DURATION, PROCESS, is_alive, lease_ref, process
 from rigel_k8s.release.locking import RENEW, Held, hold
 from rigel_k8s.release.types import DeployOptions, Plan
+from tests.support.clock import Clock, Waits
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
@@ -227,10 +228,10 @@ def test_a_wait_ends_when_the_lease_is_lost(
     release_it = threading.Event()
     assert fake.store.controllers
     fake.store.controllers.kubelet = kubelet
-    timer = threading.Timer(5, release_it.set)  # a wait that goes on ends as well, later
+    timer = threading.Timer(60, release_it.set)  # a wait that goes on ends as well, later
     timer.start()
     with pytest.raises(ClusterError, match="Lease is lost"):
-        deploy(desired(workload()), fake, report=report, timeout=20)
+        deploy(desired(workload()), fake, report=report, timeout=120)
     timer.cancel()
     assert not release_it.is_set()
 
@@ -247,7 +248,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
         fake.store.objects.pop(LEASE)
         if how == "taken over":
             other.create(manifest("ann@far"))
-        until(mine.lost.is_set, "loss", 5, every=0.01)
+        until(mine.lost.is_set, "loss", every=0.01)
         said = "changed by ann@far" if how == "taken over" else "has removed Lease n/rigel.demo"
         with pytest.raises(ClusterError, match=f"Lease is lost: .*{said}"):
             mine.check()
@@ -263,7 +264,6 @@ def test_a_lease_is_renewed_and_given_back(
         until(
             lambda: fake.objects[LEASE]["metadata"]["resourceVersion"] != first,
             "renewal",
-            5,
             every=0.01,
         )
         mine.check()
@@ -287,16 +287,6 @@ class Outage(FakeCluster):
         return super().get(ref)
 
 
-@attrs.define
-class Clock:
-    """A clock that is moved by hand."""
-
-    now: float = 0.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-
 def test_a_time_without_answers_does_not_count(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,22 +305,23 @@ class Beating(FakeCluster):
     """A cluster on which another machine's deploy renews its Lease whenever somebody looks."""
 
     def get(self, ref: ObjectRef) -> dict[str, Any] | None:
-        found = super().get(ref)
-        if ref == LEASE and found is not None and len(self.calls) < 100:
+        if ref == LEASE and ref in self.objects:
             self.store.version += 1
             self.objects[ref]["metadata"]["resourceVersion"] = str(self.store.version)
-        return found
+        return super().get(ref)
 
 
 def test_a_lease_that_is_renewed_is_not_taken(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However old it is: only whether it changes counts."""
-    monkeypatch.setattr(locking, "LOOK", 0.01)
-    monkeypatch.setattr(locking, "DURATION", 0.1)
+    clock = Clock()
+    monkeypatch.setattr(locking, "time", clock)
     fake.create(manifest("ann@far"))
+    words = {"report": report, "cancel": Waits(clock), "lock_timeout": 3 * DURATION}
     with pytest.raises(ClusterError, match="being changed by ann@far"):
-        deploy(desired(config()), Beating(fake.store), report=report, lock_timeout=0.3)
+        deploy(desired(config()), Beating(fake.store), **words)
+    assert clock.now == 3 * DURATION
     assert fake.objects[LEASE]["spec"]["holderIdentity"] == "ann@far"
     assert ref("ConfigMap", "c") not in fake.objects
 
@@ -338,21 +329,19 @@ def test_a_lease_that_is_renewed_is_not_taken(
 def test_a_lease_that_nobody_renews_is_taken_over_when_it_has_expired(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(locking, "LOOK", 0.01)
-    monkeypatch.setattr(locking, "DURATION", 0.1)
+    clock = Clock()
+    monkeypatch.setattr(locking, "time", clock)
     fake.create(manifest("ann@far"))
-    assert deploy(desired(config()), fake, report=report).status == "good"
+    waits = Waits(clock)
+    assert deploy(desired(config()), fake, report=report, cancel=waits).status == "good"
+    assert clock.now == DURATION
     assert "being changed by ann@far" in report.lines[0]
     assert report.lines[0].endswith("waiting for its end, 300 s at most")
     assert LEASE not in fake.objects
 
 
-def test_a_dead_process_of_this_machine_holds_nothing(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dead_process_of_this_machine_holds_nothing(fake: FakeCluster, report: Any) -> None:
     """Killed and started again: no quarter of a minute is lost."""
-    monkeypatch.setattr(locking, "LOOK", 0.01)
-    monkeypatch.setattr(locking, "DURATION", 0.1)
     boot, space, pid, _ = process().split()
     fake.create(manifest("me@here", **{PROCESS: f"{boot} {space} {pid} 0"}))
     deploy(desired(config()), fake, report=report)
@@ -401,12 +390,19 @@ def test_a_deploy_waits_for_the_one_before_it_and_does_nothing_twice(
     assert LEASE not in fake.objects
 
 
-def test_a_wait_for_another_deploy_can_be_interrupted(fake: FakeCluster, report: Any) -> None:
+def test_a_wait_for_another_deploy_can_be_interrupted(fake: FakeCluster) -> None:
     fake.create(manifest("me@here", **{PROCESS: process()}))
     cancel = threading.Event()
-    threading.Timer(0.1, cancel.set).start()
+
+    class Waiting(Recorder):
+        def line(self, text: str) -> None:
+            super().line(text)
+            cancel.set()
+
+    waiting = Waiting()
     with pytest.raises(Interrupted, match="before anything was changed"):
-        deploy(desired(config()), fake, report=report, cancel=cancel)
+        deploy(desired(config()), fake, report=waiting, cancel=cancel)
+    assert "waiting for its end" in waiting.lines[0]
 
 
 def test_an_unchanged_deploy_removes_the_lease_of_one_that_was_killed(

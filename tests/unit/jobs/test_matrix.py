@@ -71,13 +71,17 @@ def test_a_failure_stops_no_robot_of_its_wave_and_the_next_wave_does_not_begin(
     around: RunContext,
 ) -> None:
     """A robot that is half updated because of another one would be worse than both."""
-    meet, ended = Meeting(3), []
+    meet, ended, threads = Meeting(3), [], list[threading.Thread]()
 
     def work(job: JobContext) -> None:
+        if job.data["robot"] == "r1":
+            threads.append(threading.current_thread())
         meet()
         if job.data["robot"] == "r1":
             raise RigelK8sError("no pod can be made", hint="free some memory", details=["quota"])
-        assert not job.cancel.wait(0.2)
+        threads[0].join(60)  # whatever the failure stops, it has stopped then
+        assert not threads[0].is_alive()
+        assert not job.cancel.is_set()
         ended.append(job.data["robot"])
 
     with pytest.raises(JobFailed) as caught:

@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -44,7 +43,8 @@ class Machine:
         self.kept: subprocess.Popen[bytes] | None = None
         self.script = directory / "machine.sh"
         assert EVERY in SCRIPT
-        self.script.write_text(SCRIPT.replace(EVERY, "sleep 0.05 &"))
+        self.looks = directory / "looks"  # a line for each look of `keep`
+        self.script.write_text(SCRIPT.replace(EVERY, f"echo >> {self.looks}; sleep 0.05 &"))
 
     def environment(self, **more: str) -> dict[str, str]:
         return {
@@ -94,6 +94,11 @@ class Machine:
 
         until(look, "change", 30, every=0.05, last_words=files)
 
+    def look_again(self) -> None:
+        """Wait for the ends of two looks of `keep`: the second one began after this."""
+        before = self.looks.stat().st_size if self.looks.exists() else 0
+        self.until(lambda: self.looks.exists() and self.looks.stat().st_size >= before + 2)
+
     def daemon_writes(self) -> None:
         text = DAEMON % (self.conf / "10-flannel.conflist")
         (self.generated / "00-multus.conf").write_text(text)
@@ -126,7 +131,7 @@ def test_the_configuration_outlives_the_daemon(machine: Machine) -> None:
     machine.keep()
     machine.until((machine.conf / "00-multus.conf").exists)
     (machine.generated / "00-multus.conf").unlink()
-    time.sleep(0.5)  # ten looks
+    machine.look_again()
     assert (machine.conf / "00-multus.conf").exists()
     machine.end()
     assert (machine.conf / "00-multus.conf").exists()
@@ -139,7 +144,7 @@ def test_half_a_configuration_is_not_taken(machine: Machine) -> None:
     (machine.generated / "00-multus.conf").write_text(whole[:-20])
     machine.keep()
     machine.until((machine.programs / "multus-shim").exists)
-    time.sleep(0.3)
+    machine.look_again()
     assert not (machine.conf / "00-multus.conf").exists()
 
 

@@ -6,6 +6,11 @@ import threading
 from collections.abc import Callable
 
 import attrs
+import pytest
+
+from rigel_k8s.release.rollout import wait
+
+from .recorder import Recorder
 
 
 @attrs.define
@@ -22,6 +27,8 @@ class Clock:
 class Leap:
     """A clock that stands still until something has happened, and then leaps, once.
 
+    It leaps at the second look that finds it: the first one may be the start of a time that counts.
+
     Attributes:
         happened: whether it has; it is asked at each look at the clock.
         seconds: how far it leaps.
@@ -30,12 +37,26 @@ class Leap:
     happened: Callable[[], object]
     seconds: float
     now: float = 1000.0
+    found: bool = False
 
     def monotonic(self) -> float:
         self.now += 1e-6  # what comes later is later
-        if self.seconds and self.happened():
+        if self.found:
             self.now, self.seconds = self.now + self.seconds, 0.0
+        self.found = bool(self.happened())
         return self.now
+
+
+def leap_when_shown(
+    monkeypatch: pytest.MonkeyPatch, report: Recorder, seconds: float, *states: tuple[str, str]
+) -> None:
+    """Let a roll-out's clock stand still until all these states are shown: (workload, words)."""
+
+    def is_shown(name: str, words: str) -> bool:
+        return any(key == name and words in text for key, text, _ in report.states)
+
+    clock = Leap(lambda: all(is_shown(*state) for state in states), seconds)
+    monkeypatch.setattr(wait, "time", clock)
 
 
 class Waits(threading.Event):

@@ -19,7 +19,7 @@ from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.rollout import standing, wait
 from rigel_k8s.release.rollout.patience import Patience
-from tests.support.clock import Leap
+from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
@@ -217,23 +217,13 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locking, "RENEW", 0.05)
 
 
-def leap(
-    monkeypatch: pytest.MonkeyPatch, report: Recorder, seconds: float, *states: tuple[str, str]
-) -> None:
-    """Let a roll-out's clock stand still until some states are shown: (workload, its words)."""
-
-    def is_shown(name: str, words: str) -> bool:
-        return any(key == name and words in text for key, text, _ in report.states)
-
-    clock = Leap(lambda: all(is_shown(*state) for state in states), seconds)
-    monkeypatch.setattr(wait, "time", clock)
-
-
 def test_what_is_optional_may_crash(
     fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is told, and the release is good without it."""
-    leap(monkeypatch, report, standing.GRACE, ("extra", "exited"), ("talker", "1 of 1 ready"))
+    leap_when_shown(
+        monkeypatch, report, standing.GRACE, ("extra", "exited"), ("talker", "1 of 1 ready")
+    )
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         return crash_status(pod) if "extra" in pod["metadata"]["name"] else running(pod)
@@ -263,7 +253,7 @@ def test_a_cause_that_lasts_is_told_once_with_its_remedy(
 ) -> None:
     """As the present state while the deploy waits, and then in the error."""
     cause = "image app:1 cannot be pulled: not found"
-    leap(monkeypatch, report, Patience().image, ("listener", cause), ("talker", cause))
+    leap_when_shown(monkeypatch, report, Patience().image, ("listener", cause), ("talker", cause))
     fake.store.controllers = Controllers(unpulled)
     wanted = desired(workload("listener"), workload())
     with pytest.raises(RolloutFailed) as caught:
@@ -281,7 +271,7 @@ def test_an_image_that_another_option_sets_is_told_with_it(
     fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Roscore's image is a name that no user has written."""
-    leap(monkeypatch, report, Patience().image, ("ros-master", "cannot be pulled"))
+    leap_when_shown(monkeypatch, report, Patience().image, ("ros-master", "cannot be pulled"))
     fake.store.controllers = Controllers(unpulled)
     master = workload("ros-master")
     master["metadata"]["annotations"] = {IMAGE_ANNOTATION: "set `ros_master_image`"}
@@ -319,7 +309,7 @@ def test_what_only_events_tell_is_told(
     fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A volume that cannot be mounted shows nowhere else."""
-    leap(monkeypatch, report, Patience().mount, ("talker", "FailedMount"))
+    leap_when_shown(monkeypatch, report, Patience().mount, ("talker", "FailedMount"))
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         about = {"uid": pod["metadata"]["uid"], "name": pod["metadata"]["name"], "kind": "Pod"}
@@ -352,7 +342,7 @@ def test_a_quota_that_is_full_is_the_cause(
     fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each pod alone fits, so no dry run names it: the roll-out does, with Kubernetes' numbers."""
-    leap(monkeypatch, report, Patience().quota, ("talker", "exceeded quota"))
+    leap_when_shown(monkeypatch, report, Patience().quota, ("talker", "exceeded quota"))
     fake.store.controllers = Full()
     with pytest.raises(RolloutFailed, match=r"exceeded quota: small, limited: pods=1") as caught:
         deploy(desired(workload()), fake, report=report)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +15,7 @@ from rigel_k8s.release import apply, order
 from tests.support.controllers import Controllers, is_ready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import NAME, RELEASE, claim, config, desired, workload
+from tests.support.recorder import Recorder
 from tests.support.releases import deploy, down
 
 MASTER = workload("ros-master", first=True)
@@ -137,13 +137,14 @@ def test_down_shows_what_is_still_deleted(fake: FakeCluster, report: Any) -> Non
     deploy(desired(MASTER, workload("a"), workload("b"), claim(), config()), fake, report=report)
     fake.objects[ref_of(claim())]["metadata"]["finalizers"] = ["kubernetes.io/pvc-protection"]
     slow(fake, a=20, b=3)
-    del report.states[:]
 
-    def release_claim(verb: str, ref: ObjectRef) -> None:
-        if (verb, ref.kind) == ("delete", "PersistentVolumeClaim"):
-            threading.Timer(0.3, fake.patch, (ref, {"metadata": {"finalizers": []}})).start()
+    class Releasing(Recorder):
+        def progress(self, key: str, state: str, *, done: bool = False) -> None:
+            super().progress(key, state, done=done)
+            if (key, state) == ("data", "is being deleted"):
+                fake.patch(ref_of(claim()), {"metadata": {"finalizers": []}})
 
-    fake.store.before = release_claim
+    report = Releasing()
     down(fake, RELEASE, volumes=True, report=report)
     states = (("is being deleted", False), ("deleted", True))
     shown = ("a", "b", "ros-master", "data")

@@ -13,6 +13,7 @@ from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.surroundings import look_around
 from rigel_k8s.release.status import AWAY, describe_pod, describe_workload, status
+from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload
@@ -109,14 +110,15 @@ def crash_new(pod: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture
 def failed(fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch) -> RolloutFailed:
     """The error of an update of two nodes whose new pods crash, for one reason."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
     fake.store.controllers = Controllers(crash_new)
     names = ("driver", "filtered")
     deploy(desired(*(rolling(name, "app:1") for name in names)), fake, report=report)
-    hasty = Patience(crash=0.1, crash_limit=0.2)
     new = desired(*(rolling(name, "app:2") for name in names))
+    both = [(name, "exited with code 1") for name in names]
+    leap_when_shown(monkeypatch, report, Patience().crash, *both)
     with pytest.raises(RolloutFailed) as caught:
-        deploy(new, fake, report=report, patience=hasty, timeout=30)
+        deploy(new, fake, report=report)
     return caught.value
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,6 +14,7 @@ from rigel_k8s.release.rollout.crashes import STEADY, CrashLog
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.rollout.surroundings import look_around
+from tests.support.clock import Leap, leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import desired, ref, workload
@@ -78,11 +78,10 @@ def test_a_crash_that_healed_before_anyone_looked_is_told(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kubelet restarts a container at once the first time: it may be ready at every look."""
-    seconds = itertools.count(1000.0)  # one more at each look at the clock
-    monkeypatch.setattr(wait, "time", SimpleNamespace(monotonic=seconds.__next__))
-    monkeypatch.setattr(wait, "LOOK", 0.02)
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
+    leap_when_shown(monkeypatch, report, STEADY, ("talker", "exited with code 1"))
     fake.store.controllers = Controllers(restarted(1))
-    deploy(desired(workload()), fake, report=report, timeout=30)
+    deploy(desired(workload()), fake, report=report)
     assert report.warnings == ["talker: container node exited with code 1\n    last words"]
 
 
@@ -104,8 +103,19 @@ def test_a_crash_is_shown_once_whatever_its_last_words(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They may have another order after each restart of the container."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
     count = itertools.count()
+    words = set()
+    find_causes = Standing.find_causes
+
+    def note_causes(self: Standing) -> list[Any]:
+        found = list(find_causes(self))
+        words.update(cause.message for _, cause in found)
+        return found
+
+    monkeypatch.setattr(Standing, "find_causes", note_causes)
+    clock = Leap(lambda: len(words) > 2, Patience().crash)
+    monkeypatch.setattr(wait, "time", clock)
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         status = crash_status(pod)
@@ -114,9 +124,8 @@ def test_a_crash_is_shown_once_whatever_its_last_words(
         return status
 
     fake.store.controllers = Controllers(kubelet)
-    hasty = Patience(crash=0.4, crash_limit=0.4)
     with pytest.raises(RolloutFailed):
-        deploy(desired(workload()), fake, report=report, patience=hasty, timeout=30)
+        deploy(desired(workload()), fake, report=report)
     assert len([text for _, text, _ in report.states if "exited" in text]) == 1
 
 

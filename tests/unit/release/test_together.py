@@ -15,6 +15,7 @@ from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.together import Inspection, Part, PartLook, deploy, look_at, render
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 from rigel_k8s.system.threads import parallel
+from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running, unready
 from tests.support.fake_cluster import FakeCluster, make_refusal
 from tests.support.manifests import config, workload
@@ -60,7 +61,7 @@ def part(name: str, *objects: Any, rank: Any = "application", **more: Any) -> Te
 
 @pytest.fixture
 def options(report: Recorder) -> DeployOptions:
-    return DeployOptions(report=report, timeout=2)
+    return DeployOptions(report=report, timeout=60)
 
 
 def test_parts_are_written_by_their_rank(fake: FakeCluster, options: DeployOptions) -> None:
@@ -134,7 +135,7 @@ def test_nothing_is_written_where_one_of_them_is_refused(
 
 
 def test_the_failure_of_what_is_not_needed_is_a_warning(
-    fake: FakeCluster, options: DeployOptions, report: Recorder
+    fake: FakeCluster, options: DeployOptions, report: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And ends the job where it is what the job is about."""
 
@@ -143,8 +144,11 @@ def test_the_failure_of_what_is_not_needed_is_a_warning(
 
     fake.store.controllers = Controllers(kubelet)
     stack = part("stack", workload("loki"), rank="stack", needed=False)
+    leap_when_shown(monkeypatch, report, 61, ("loki", "0 of 1 ready"))
     deploy([part("robot", workload()), stack], fake, options)
     assert any("everything else is deployed" in warning for warning in report.warnings)
+    report.states.clear()
+    leap_when_shown(monkeypatch, report, 61, ("loki", "0 of 1 ready"))
     with pytest.raises(RolloutFailed):
         deploy([part("stack", workload("loki"), rank="stack")], fake, options)
 

@@ -21,6 +21,7 @@ from rigel_k8s.release import types
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.settings import Application, Settings
+from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running, unready
 from tests.support.fake_cluster import FakeCluster, make_refusal
 from tests.support.options import options
@@ -62,14 +63,17 @@ def test_a_deploy_goes_its_way(run: Any, fake: FakeCluster, report: Recorder) ->
     assert done == ["rigel-k8s-application", "rigel-observability"]
 
 
-def test_robots_do_not_wait_for_dashboards(run: Any, fake: FakeCluster, report: Recorder) -> None:
+def test_robots_do_not_wait_for_dashboards(
+    run: Any, fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A stack that does not become ready is a warning; the job is done."""
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         return unready(pod) if pod["metadata"]["namespace"] == "monitoring" else running(pod)
 
     fake.store.controllers = Controllers(kubelet)
-    run(WHOLE, distro="noetic", timeout=1)
+    leap_when_shown(monkeypatch, report, 61, ("loki", "0 of 1 ready"))
+    run(WHOLE, distro="noetic", timeout=60)
     assert any("loki" in text and "everything else" in text for text in report.warnings)
     assert "talker" in fake.names("Deployment")
 
@@ -158,7 +162,7 @@ def only_args(args: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
 
 
 def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
-    run: Any, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
+    run: Any, fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays a failure, with its own cause first; what was good before runs again."""
     monkeypatch.setattr(watching.GraphWatch, "begin", lambda *_: None)  # no pod can be asked
@@ -169,9 +173,11 @@ def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
         run({**raw, "nodes": {"talker": {"args": [argument]}}}, distro="noetic", **words)
 
     deploy("sleep 11")
+    report.states.clear()
+    leap_when_shown(monkeypatch, report, 61, ("talker", "0 of 1"))  # once: the rollback has time
     with pytest.raises(RolloutFailed) as caught:
-        deploy("sleep 12", timeout=2, rollback_on_failure=True)  # the rollback has as long
-    assert "not ready within 2 s: talker" in caught.value.message
+        deploy("sleep 12", timeout=60, rollback_on_failure=True)
+    assert "not ready within 60 s: talker" in caught.value.message
     assert caught.value.message.endswith(": rolled back to revision 1, as revision 3")
     release = ReleaseId("n", "rigel-k8s-application")
     assert [r.status for r in deploys.history(fake, release)] == ["superseded", "failed", "good"]

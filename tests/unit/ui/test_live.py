@@ -16,12 +16,13 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import lease
-from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.lease import DURATION, lease_ref
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui import live as module
 from rigel_k8s.ui.feed import Feed
 from rigel_k8s.ui.live import Live
+from tests.support.clock import Leap
 from tests.support.controllers import crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, workload
@@ -307,13 +308,15 @@ def test_a_holder_that_does_not_renew_its_lease_is_gone(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A deploy whose process was killed on another machine does not go on for ever."""
-    monkeypatch.setattr("rigel_k8s.ui.overview.DURATION", 0.5)
+    seen: list[str] = []
+    clock = Leap(lambda: "a laptop" in seen, DURATION)
+    monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(module, "LATE", 2 * DURATION)  # the cluster answers all the time
     scene.deploy(workload())
     left = lease.manifest(lease_ref(RELEASE))
     left["metadata"]["annotations"] = {}
     left["spec"]["holderIdentity"] = "a laptop"
     scene.fake.create(left)
-    seen: list[str] = []
     publish = scene.feed.publish
 
     def note(group: str, entries: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +20,7 @@ from rigel_k8s.rosgraph import idle, watching
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.rosgraph.watching import GraphWorse
 from rigel_k8s.settings import Application, Settings
+from tests.support.clock import Clock, Waits
 from tests.support.fake_cluster import FakeCluster
 from tests.support.options import options
 from tests.support.recorder import Recorder
@@ -48,7 +48,7 @@ class World:
     report: Recorder
     nodes: dict[str, Any]
     failures: list[RigelK8sError | None] = attrs.field(factory=list)
-    cancel: threading.Event = attrs.field(factory=threading.Event)
+    cancel: Waits = attrs.field(factory=lambda: Waits(Clock()))
     readings: int = 0
     stop_after: int = 0
 
@@ -106,9 +106,8 @@ def bare(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) -
     made = World(fake, report, {"lidar": LIDAR, "planner": PLANNER})
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
     monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", made.read_graph)
-    monkeypatch.setattr(watching, "PATIENCE", 0.5)
-    monkeypatch.setattr(watching, "MOMENT", 0.1)
-    monkeypatch.setattr(watching, "AGAIN", 0.02)
+    for module in (watching, idle):
+        monkeypatch.setattr(module, "time", made.cancel.clock)
     monkeypatch.setattr(discovery, "check", lambda *_: None)
     return made
 
@@ -151,7 +150,6 @@ def test_an_update_waits_until_the_robot_is_idle(
         return ["/navigate has a goal"]
 
     monkeypatch.setattr(idle, "list_busy", list_busy)
-    monkeypatch.setattr(idle, "AGAIN", 0.02)
     when = {"when": "idle", "within": "1s", "silent": {"cmd_vel": "3s"}}
     world.deploy(update=when)
     assert asked == [], "no pod is replaced"
@@ -201,10 +199,9 @@ def test_a_lost_publisher_is_a_warning(world: World) -> None:
 
 
 def test_a_node_that_comes_back_late_is_no_warning(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: World,
 ) -> None:
     """Nodes take a moment to be in the graph again; a reading may fail meanwhile."""
-    monkeypatch.setattr(watching, "PATIENCE", 60.0)
     world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
     world.failures = [None, ClusterError("the pod is starting"), None]
     world.deploy()

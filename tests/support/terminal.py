@@ -20,6 +20,8 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from .until import until
+
 SEQUENCE = re.compile(r"\x1b\[(\??)([0-9;]*)([A-Za-z])")
 COLUMNS, ROWS = 80, 24
 
@@ -53,6 +55,14 @@ class Terminal:
         while words not in self.text:
             assert time.monotonic() < deadline, f"no {words!r} in {self.text!r}"
             assert self._read(0.1), f"ended without {words!r}: {self.text!r}"
+
+    def until_asleep(self) -> None:
+        """Wait until the program waits, for a key as a rule.
+
+        Python sees a signal that comes just before a system call only when that has ended.
+        """
+        stat = Path(f"/proc/{self.process}/stat")
+        until(lambda: stat.read_text().rpartition(") ")[2][0] == "S", "sleep", every=0.01)
 
     def end(self, seconds: float = 60) -> int:
         """Read until the program ends, and return its exit code, negative for a signal."""

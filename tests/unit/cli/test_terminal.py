@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -233,6 +232,7 @@ def test_interrupted_is_a_line_of_its_own(tmp_path: Path) -> None:
     command += "\nsys.exit(main.run([], 'rigel'))"
     terminal = python(command, 80)
     terminal.until("waits\r\n")
+    terminal.until_asleep()
     terminal.press("\x03")
     assert terminal.end() == 130
     assert terminal.screen()[:3] == ["waits", "^C", "interrupted"]
@@ -289,7 +289,7 @@ def test_a_question_that_is_not_answered_with_yes(
     words = [sys.executable, "-m", "rigel_k8s", "down", "--sequence", "s", "--volumes"]
     terminal = open_terminal(words, {}, directory=tmp_path)
     terminal.until("[y/N]: ")
-    time.sleep(0.5)  # Python sees a signal just before it reads when the read ends
+    terminal.until_asleep()
     terminal.press(keys)
     assert terminal.end() == code
     question, rest = terminal.screen()[0], terminal.screen()[1:]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import struct
 import threading
-import time
 import xmlrpc.client
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 import pytest
 
@@ -92,8 +92,14 @@ def test_a_node_that_does_not_answer_is_not_up(
     graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is registered still: that it hangs is what somebody wants to be told of."""
-    monkeypatch.setattr(ros1_view, "ANSWER", 1.0)
-    graph.master.add("/hangs", graph.serve_silence(), ["/chatter"])
+    silent, connect_node = graph.serve_silence(), ros1_view.connect_node
+
+    def connect(uri: str, caller: str, seconds: float) -> Any:
+        assert seconds == ros1_view.ANSWER
+        return connect_node(uri, caller, 0.2 if uri == silent else 60)
+
+    monkeypatch.setattr(ros1_view, "connect_node", connect)
+    graph.master.add("/hangs", silent, ["/chatter"])
     graph.node("/talker", ["/chatter"])
     found = nodes(ros1.look())
     assert (found["/hangs"].up, found["/hangs"].registered) == (False, True)
@@ -119,10 +125,13 @@ def test_an_orphan_that_is_busy_for_a_while_is_still_one(
     ros1.look()
     graph.master.drop("/talker")
     del graph.master.nodes["/talker"]
+    calm = threading.Event()
+    monkeypatch.setattr(ros1_view, "ANSWER", 60.0)
     with monkeypatch.context() as busy:
-        busy.setattr(node, "getPid", lambda caller: time.sleep(0.5), raising=False)
+        busy.setattr(node, "getPid", lambda caller: calm.wait(60), raising=False)
         busy.setattr(ros1_view, "ANSWER", 0.2)
         assert nodes(ros1.look()) == {}
+    calm.set()
     assert nodes(ros1.look())["/talker"].missing == 1
 
 

@@ -119,7 +119,7 @@ def test_one_socket_in_a_domains_range_is_no_participant(pod: Pod):
 
 def test_sockets_for_sending_are_not_asked(pod: Pod, monkeypatch: pytest.MonkeyPatch):
     """Nobody reads them. The system chose their ports: in the domain's range, or two neighbors."""
-    monkeypatch.setattr(pod.dds_ready, "READS", 0.3)
+    monkeypatch.setattr(pod.dds_ready, "READS", 30.0)
     own = [PORT - 10, PORT, PORT + 1]  # it hears announcements, too
     chance = [PORT + 20, PORT + 500, PORT + 501]
     pod.starts(PARTICIPANT, "reads", *map(str, own), *(f"-{port}" for port in chance))

@@ -202,10 +202,10 @@ def test_a_pod_for_which_no_one_waits_has_nothing_to_hand_over(probe: Probe, gat
 def test_without_a_gate_nothing_is_handed_over(probe: Probe, gate: Gate):
     """And the stop hook goes on at once."""
     started = time.monotonic()
-    code, line = probe("leave", "--wait", "20", ROS_MASTER_URI="http://127.0.0.1:1")
+    code, line = probe("leave", "--wait", "300", ROS_MASTER_URI="http://127.0.0.1:1")
     assert (code, line) == (1, "nothing is handed over: Connection refused")
     assert probe("leave", ROS_MASTER_URI="")[0] == 1
-    assert time.monotonic() - started < 5
+    assert time.monotonic() - started < 60
 
 
 @pytest.mark.parametrize("words", [("leave", "--components", "/a"), ("leave", "--wait", "soon")])

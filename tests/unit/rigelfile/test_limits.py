@@ -231,9 +231,9 @@ def test_expressions_that_take_too_long_end_the_check(tmp_path: Path, resolve: R
     """One error at the expression that was being computed, whatever else is wrong with the file."""
     file = tmp_path / "Rigelfile"
     file.write_text(SLOW + "wrong: 1\n")
-    began = time.process_time()
+    began = time.thread_time()
     (found,) = check_file(file, {}, resolve).findings
-    assert time.process_time() - began < 2 * EXPRESSION_SECONDS
+    assert time.thread_time() - began < 2 * EXPRESSION_SECONDS
     assert found.kind == "too-large"
     assert found.message == (
         "the expressions of this file take too long; the check stopped at this one"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
 
 from tests.support.terminal import Terminal, open_terminal
+from tests.support.until import until
 
 pytestmark = pytest.mark.programs
 
@@ -184,10 +184,7 @@ def test_a_step_ends_what_moves_when_its_shell_is_killed(tmp_path: Path) -> None
     terminal.until("Unpacking package 3")
     os.killpg(terminal.process, signal.SIGHUP)
     assert terminal.end() == -signal.SIGHUP
-    deadline = time.monotonic() + 10
-    while _in_group(terminal.process) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not _in_group(terminal.process)
+    until(lambda: not _in_group(terminal.process), "end of the group", every=0.05)
 
 
 def _in_group(group: int) -> bool:

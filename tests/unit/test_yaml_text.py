@@ -130,9 +130,9 @@ def test_writing_takes_a_fraction_of_what_pyyaml_needs() -> None:
     objects = [{**MANIFEST, "index": index} for index in range(300)]
 
     def cost(write: Any) -> float:
-        start = time.process_time()
+        start = time.thread_time()
         write(objects)
-        return time.process_time() - start
+        return time.thread_time() - start
 
     def slow(objects: list[Any]) -> str:
         return str(yaml.dump_all(objects, Dumper=yaml.SafeDumper))

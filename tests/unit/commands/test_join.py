@@ -194,19 +194,19 @@ def test_a_program_here_is_an_ordinary_participant(
 
 
 @pytest.mark.programs
-def test_the_program_is_ended_when_the_pod_goes(lab: Lab, signals: None) -> None:
+def test_the_program_is_ended_when_the_pod_goes(lab: Lab, signals: None, tmp_path: Path) -> None:
     """With an error; its exit code is not that of a program that ended by itself."""
     session = Session(cast(Any, lab), ObjectRef("v1", "Pod", "n", "join-1"), Recorder())
-    begun = session.link.begun
+    runs = tmp_path / "runs"
 
     def end_the_relay() -> None:
-        begun.wait(20)
+        until(runs.exists, "program")
         subprocess.run(["pkill", "-KILL", "-f", str(RELAY)], check=True)
 
-    ending = threading.Timer(1.5, end_the_relay)
+    ending = threading.Thread(target=end_the_relay)
     ending.start()
     with pytest.raises(ClusterError, match="the connection to the pod has ended"):
-        session.run(["sleep", "1000"])
+        session.run(["sh", "-c", f"touch {runs}; exec sleep 1000"])
     ending.join()
 
 

@@ -96,10 +96,7 @@ def test_names_are_resolved_beside_the_rest(monkeypatch: pytest.MonkeyPatch) -> 
     """One that is unknown keeps no other waiting, and what was known stays."""
     resolver = dds_ways.Resolver(["localhost", "nobody.invalid"])
     try:
-        for _ in range(1000):
-            if resolver.found:
-                break
-            resolver._end.wait(0.01)
+        until(lambda: resolver.found, "address", every=0.01)
         assert resolver.found == {"localhost": "127.0.0.1"}
     finally:
         resolver.close()

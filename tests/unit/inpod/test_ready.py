@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -348,10 +348,16 @@ def test_wrong_arguments(ended: Callable[..., tuple[int, str]], words: tuple[str
 def test_waiting_ends_with_the_last_reason(
     pod: Pod, ended: Callable[..., tuple[int, str]], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(pod.ready, "TICK", 0.01)
+    clock = [0.0]
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    monkeypatch.setattr(pod.ready, "time", SimpleNamespace(time=lambda: clock[0], sleep=sleep))
     looks: list[int] = []
     monkeypatch.setattr(pod.ready, "look_node", lambda *_: looks.append(1) or pod.fail("not yet"))
-    assert ended("node", "--wait", "0.2") == (1, "not yet")
+    assert ended("node", "--wait", "5") == (1, "not yet")
+    assert 3 < clock[0] < 5
     assert len(looks) > pod.ready.CALM, "it looks again and again"
 
 

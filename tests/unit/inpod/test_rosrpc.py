@@ -80,7 +80,7 @@ def test_roscpp_answer(rosrpc: ModuleType):
 
 def test_calls(rosrpc: ModuleType, server: str):
     """Several calls on one connection (or on a new one each, where the server closes it)."""
-    api = rosrpc.Api(server, time.time() + 5)
+    api = rosrpc.Api(server, time.time() + 60)
     for word in ("first", "a<b&c", "third"):
         assert api.call("echo", word) == ["1", "ok", [word]]
     api.close()
@@ -88,7 +88,7 @@ def test_calls(rosrpc: ModuleType, server: str):
 
 def test_fault(rosrpc: ModuleType, server: str):
     """A method that the server does not have is a failed call."""
-    api = rosrpc.Api(server, time.time() + 5)
+    api = rosrpc.Api(server, time.time() + 60)
     with pytest.raises(rosrpc.CallFailed, match="fault"):
         api.call("nothing")
     api.close()
@@ -100,7 +100,7 @@ def test_refused(rosrpc: ModuleType):
         unused.bind(("127.0.0.1", 0))
         uri = f"http://127.0.0.1:{unused.getsockname()[1]}"
         with pytest.raises(rosrpc.CallFailed, match=r"^Connection refused$"):
-            rosrpc.Api(uri, time.time() + 5).call("getPid")
+            rosrpc.Api(uri, time.time() + 60).call("getPid")
 
 
 def test_silent(rosrpc: ModuleType):
@@ -139,7 +139,7 @@ def test_an_endless_answer_is_not_read(rosrpc: ModuleType, answer: bytes, why: s
 
         thread = threading.Thread(target=serve)
         thread.start()
-        api = rosrpc.Api(f"http://127.0.0.1:{server.getsockname()[1]}", time.time() + 30)
+        api = rosrpc.Api(f"http://127.0.0.1:{server.getsockname()[1]}", time.time() + 60)
         with pytest.raises(rosrpc.CallFailed, match=why):
             api.call("getPid")
         thread.join()
@@ -168,7 +168,7 @@ def test_a_connection_that_the_server_has_closed_is_opened_again(rosrpc: ModuleT
 
         thread = threading.Thread(target=serve)
         thread.start()
-        api = rosrpc.Api(f"http://127.0.0.1:{listening.getsockname()[1]}", time.time() + 30)
+        api = rosrpc.Api(f"http://127.0.0.1:{listening.getsockname()[1]}", time.time() + 60)
         assert [api.call("getPid")[2] for _ in range(2)] == ["x", "x"]
         thread.join()
         api.close()

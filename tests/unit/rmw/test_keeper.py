@@ -86,6 +86,17 @@ def pod(start: Start, port: int) -> Iterator[Callable[..., Pod]]:
             pass
 
 
+def until_keepers(port: int, count: int) -> None:
+    """Wait until so many keepers listen: a new one sees the others from then on."""
+
+    def list_ports() -> set[int]:
+        tables = (Path("/proc/net", name).read_text() for name in ("tcp", "tcp6"))
+        rows = [row.split() for table in tables for row in table.splitlines()[1:]]
+        return {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == "0A"}
+
+    until(lambda: len(list_ports() & {*range(port, port + 4)}) == count, f"{count} keepers")
+
+
 def until_mode(pod: Pod, mode: int) -> None:
     """Wait until a pod's node is in a mode."""
     until(lambda: pod.mode == mode, f"mode {mode}", 60, every=0.02)
@@ -125,13 +136,14 @@ def test_pods_with_many_topics_find_each_other(pod: Callable[..., Pod]) -> None:
 
 
 def test_a_worker_whose_keeper_gets_no_processor_time_is_waited_for(
-    pod: Callable[..., Pod],
+    pod: Callable[..., Pod], port: int
 ) -> None:
     """Its kernel accepts connections; else both would work until it has time."""
     one = pod()
     until_mode(one, WORK)
     one.keeper.send_signal(signal.SIGSTOP)
     other = pod()
+    until_keepers(port, 2)
     end = time.monotonic() + 6
     while time.monotonic() < end:
         assert other.mode == WAIT
@@ -152,7 +164,9 @@ def test_a_worker_whose_machine_is_slow_to_connect_is_waited_for(
             sock = strangers.enter_context(socket.socket())
             sock.setblocking(False)
             sock.connect_ex(("127.0.0.1", port))
-        other, end = pod(), time.monotonic() + 5
+        other = pod()
+        until_keepers(port, 2)
+        end = time.monotonic() + 5
         while time.monotonic() < end:
             assert other.mode == WAIT
             time.sleep(0.05)

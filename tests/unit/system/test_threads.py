@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -32,17 +33,23 @@ def test_an_interruption_begins_nothing_else(monkeypatch: pytest.MonkeyPatch) ->
     begun: list[int] = []
     two, go_on = threading.Barrier(3), threading.Event()
 
+    class Pool(ThreadPoolExecutor):
+        def shutdown(self, wait: bool = True, **words: Any) -> None:  # noqa: FBT001, FBT002
+            if wait:
+                go_on.set()
+            super().shutdown(wait, **words)
+
     def work(number: int) -> None:
         begun.append(number)
-        two.wait(10)
-        go_on.wait(10)
+        two.wait(60)
+        assert go_on.wait(60)
 
     def interrupt(_: Any) -> None:
-        two.wait(10)
-        threading.Timer(0.05, go_on.set).start()
+        two.wait(60)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rigel_k8s.system.threads.wait", interrupt)
+    monkeypatch.setattr("rigel_k8s.system.threads.ThreadPoolExecutor", Pool)
     with pytest.raises(KeyboardInterrupt):
         parallel(work, range(20), width=2)
     assert go_on.is_set()

@@ -416,9 +416,11 @@ def test_pages_that_never_read_are_dropped(served: Served, monkeypatch: pytest.M
 def test_half_a_request_does_not_stay(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever connects and sends nothing more loses the connection, and keeps no one else out."""
     monkeypatch.setattr("rigel_k8s.ui.server.Handler.timeout", 1.0)
-    waiting = [socket.create_connection(("127.0.0.1", served.port), timeout=20) for _ in range(100)]
-    for one in waiting:
+    waiting = []
+    for _ in range(100):
+        one = socket.create_connection(("127.0.0.1", served.port), timeout=60)
         one.sendall(f"GET /{TOKEN}/ HTTP/1.1\r\nHost:".encode())
+        waiting.append(one)
     assert served.ask().status == 200
     for one in waiting:
         assert one.recv(1) == b""

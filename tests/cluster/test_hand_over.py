@@ -96,6 +96,7 @@ def robot(
         yield made
 
 
+@pytest.mark.timing
 def test_an_update_has_no_gap_and_no_doubles(robot: Talking) -> None:
     """The old talker is heard until the new one, which takes 5 s to start, has its name."""
     late = 5

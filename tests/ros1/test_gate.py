@@ -71,6 +71,7 @@ LAUNCH = """<launch>
 RELAY = ("rosrun", "topic_tools", "relay", "/chatter", "/relayed", "__name:=relay")
 
 
+@pytest.mark.timing
 def test_a_talker_is_updated_without_a_gap(pods):
     """The newcomer waits, takes over when the old pod ends, and the listener hears both in turn."""
     pods.gated()

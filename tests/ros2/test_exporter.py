@@ -321,6 +321,7 @@ def test_other_dds(lab, exporter):
     seen.until(lambda told: told["nodes"] == {name: False})
 
 
+@pytest.mark.timing
 def test_many(lab, exporter):
     """50 participants and 200 topics are all found, and cost a fifth of a processor at most."""
     lab.python("many", "one", "dds", MANY, "50", "200")

@@ -398,14 +398,22 @@ def test_a_publisher_that_is_silent_is_asked_again(
     graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its deadline is a few seconds, and it holds nobody else up."""
-    monkeypatch.setattr(ros1_topic, "_ANSWER", 1.0)
+    silent, connect_node, asked = graph.serve_silence(), ros1_topic.connect_node, list[str]()
+
+    def connect(uri: str, caller: str, seconds: float) -> Any:
+        assert seconds == ros1_topic._ANSWER
+        asked.append(uri)
+        return connect_node(uri, caller, 0.2 if uri == silent else 60)
+
+    monkeypatch.setattr(ros1_topic, "connect_node", connect)
     node = graph.node("/talker", ["/chatter"])
-    graph.master.add("/silent", graph.serve_silence(), ["/chatter"])
+    graph.master.add("/silent", silent, ["/chatter"])
     hearing = ros1.subscribe("/chatter")
     ros1.look()
     node.wait_for_subscriber("/chatter")
     node.publish("/chatter", TEXT)
     until(lambda: hearing.samples().messages == 1, "the other publisher is heard")
+    until(lambda: asked.count(silent) > 1, "the silent one is asked again")
 
 
 def test_a_lost_word_is_no_lost_master(

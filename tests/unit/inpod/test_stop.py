@@ -104,7 +104,7 @@ def test_nodes_get_sigint_and_process_1_gets_it_after_them(stopped: Callable[...
 
 
 def test_what_does_not_end_gets_sigterm_after_half_the_time(stopped: Callable[..., list[str]]):
-    assert stopped("deaf", seconds=2) == ["deaf SIGINT", "deaf SIGTERM", "first SIGINT"]
+    assert stopped("deaf", seconds=6) == ["deaf SIGINT", "deaf SIGTERM", "first SIGINT"]
 
 
 def test_a_roscore_outlives_the_nodes(stopped: Callable[..., list[str]], tmp_path: Path):

@@ -404,11 +404,12 @@ def test_pages_that_never_read_are_dropped(served: Served, monkeypatch: pytest.M
         one = socket.create_connection(("127.0.0.1", served.port), timeout=20)
         one.sendall(f"GET /{TOKEN}/live HTTP/1.1\r\nHost: {served.host}\r\n\r\n".encode())
         pages.append(one)
-    until(lambda: len(served.feed._pages) == 20, "the pages", 20)
+    until(lambda: len(served.feed._pages) == 20, "the pages")
+    monkeypatch.setattr("rigel_k8s.ui.server.Handler.timeout", 60)  # of the one that reads
     for number in range(200):
         served.feed.publish("graph", {"graph": {"message": "x" * 100_000, "read": number}})
     assert served.ask().status == 200
-    until(lambda: not served.feed.watched, "their end", 20)
+    until(lambda: not served.feed.watched, "their end")
     for one in pages:
         one.close()
 

@@ -41,7 +41,7 @@ def run(
         }
         file = tmp_path / "Rigelfile"
         file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
-        settings = Settings(rigelfile=file, timeout=5)
+        settings = Settings(rigelfile=file, timeout=60)
         run_job(load(file), "agent", settings=settings, report=report)
 
     return call

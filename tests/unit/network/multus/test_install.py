@@ -305,7 +305,7 @@ def roll_out(fake: FakeCluster) -> Recorder:
     """Install on a cluster whose machines are all still to come."""
     part = multus_beside_theirs()
     report = Recorder()
-    options = DeployOptions(report=report, timeout=5)
+    options = DeployOptions(report=report, timeout=60)
     part.write(fake, part.look(fake, adopt=False), options)
     return report
 

@@ -597,15 +597,19 @@ def test_a_lost_server_is_reported_and_found_again(browser: Browser) -> None:
 
 
 def test_a_lost_cluster_is_reported(tab: Tab, served: Served) -> None:
-    """What is shown stays, and the page says of when it is."""
+    """What is shown stays, without its colours, and the page says of when it is."""
+    color = "getComputedStyle(document.querySelector('#counts')).filter"
+    assert tab.read(color) == "none"
     place = served.feed.get("cluster")
     away = {**place, "message": "the cluster does not answer", "since": "2026-01-01T10:00:00Z"}
     served.feed.publish("cluster", {"cluster": away})
     tab.wait("document.querySelector('#banner').textContent", "the banner")
     assert "the cluster does not answer. What this page shows is of" in tab.text()
+    assert tab.read(color) == "grayscale(1)", "nothing looks as if all were well"
     assert tab.read("document.querySelectorAll('.box').length") == 7
     served.feed.publish("cluster", {"cluster": place})
     tab.wait("!document.querySelector('#banner').textContent", "the end of the banner")
+    assert tab.read(color) == "none"
 
 
 def test_the_log_of_a_node_is_followed(tab: Tab) -> None:

@@ -33,6 +33,7 @@ function describeRevision(release) {
 const isRolling = (release) => release.status === "pending" && release.changing !== "";
 
 function showBanner(cluster, release) {
+  document.body.classList.toggle("stale", Boolean(cluster.message));
   if (document.body.classList.contains("lost")) return;
   let text = "";
   if (cluster.message) {

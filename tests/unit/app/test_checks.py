@@ -153,11 +153,6 @@ WRONG = [
             ),
             (
                 "pod-conflict",
-                "env",
-                "b: {args: x, pod: p}, c: {args: x, pod: p, env: {ROS_DOMAIN_ID: 4}}",
-            ),
-            (
-                "pod-conflict",
                 "ports",
                 "b: {args: x, pod: p, ports: [1]}, c: {args: x, pod: p, ports: [1]}",
             ),
@@ -176,6 +171,12 @@ WRONG = [
         )
     ),
     ("name-taken", "nodes.p", "{image: a, ros: '2', nodes: {p: {args: x, pod: p}}}"),
+    (
+        "pod-conflict",
+        "nodes.c.env",
+        "{image: a, ros: '2', network: none, nodes: {b: {args: x, pod: p},"
+        " c: {args: x, pod: p, env: {ROS_DOMAIN_ID: 4}}}}",
+    ),
 ]
 
 #: The same for one node: its options follow `n:`.

@@ -20,6 +20,7 @@ from rigel_k8s.app.application import (
     replaces_container,
 )
 from rigel_k8s.app.checks.commands import check_line
+from rigel_k8s.app.checks.contradictions import check_contradictions
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
@@ -62,6 +63,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_version(options, ros, distro)
     yield from ros.check(options)
     yield from check_network(options, ros, distro)
+    yield from check_contradictions(options, ros, distro)
     yield from check_security(options)
     yield from check_network_policy(options)
     yield from check_names(options, ros, distro)

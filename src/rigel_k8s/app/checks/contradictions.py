@@ -1,0 +1,529 @@
+"""What a user gives against what `rigel` itself sets: variables, and arguments that name a node.
+
+A user's own value wins, so one that defeats the network, the master or the names would do so
+without a word. RULES and NAMING are the whole table: what a variable or an argument contradicts,
+and what to write instead.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from ipaddress import ip_address
+from pathlib import PurePosixPath
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.application import APP_CONTAINER, application_options, has_application
+from rigel_k8s.app.environment import entries
+from rigel_k8s.app.nodes import NODE_CONTAINER
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.programs import SHELLS, find_program, full_name
+from rigel_k8s.generation import Generation
+from rigel_k8s.network.checks import LAST_DOMAIN
+from rigel_k8s.network.mode import Mode
+from rigel_k8s.network.modes import BEFORE_IRON, mode_of
+from rigel_k8s.network.modes.discovery_server import DISCOVERY_PORT
+from rigel_k8s.network.options import MIDDLEWARE, ZENOH_PORT, Network, middleware_name
+from rigel_k8s.network.plan import domain
+from rigel_k8s.objects.naming import object_name, ros_name
+from rigel_k8s.objects.raw import containers_of, list_mappings
+from rigel_k8s.objects.scalars import RosUri
+from rigel_k8s.option_text import has_template
+from rigel_k8s.problems import Path, Problem, Severity
+
+KIND = "contradiction"
+DOMAIN = "ROS_DOMAIN_ID"
+#: Domains as rcl reads them; it takes 010 for 8, and 0x2a for 42.
+DECIMAL = re.compile(r"0|[1-9]\d{0,2}")
+#: What Kubernetes, a shell or substitution args fill in.
+FILLED_IN = re.compile(r"[$`]")
+#: A server of Fast DDS, or zenoh's endpoints, in a variable.
+ENDPOINTS = "connect/endpoints"
+
+
+@attrs.frozen
+class Verdict:
+    """What is wrong with a value."""
+
+    message: str
+    severity: Severity = "error"
+
+
+@attrs.frozen
+class Given:
+    """A variable that a user sets.
+
+    Attributes:
+        value: None if only the container has it: another variable, a ConfigMap, a field.
+        path: its place in the options.
+        at_key: the place to show is the key.
+    """
+
+    name: str
+    value: str | None
+    path: Path
+    at_key: bool = False
+
+
+@attrs.frozen
+class Release:
+    """What rigel sets for the nodes of a job.
+
+    Attributes:
+        pods: how many pods there are, roscore not counted.
+        domains: those that nodes of ROS 2 set themselves, as written; None: they set none.
+        master: the ROS_MASTER_URI of all nodes.
+    """
+
+    options: OrchestrationOptions
+    distro: str
+    pods: int
+    domains: Sequence[str | None]
+    master: str
+
+    @property
+    def network(self) -> Network | None:
+        """The job's network."""
+        return self.options.network
+
+    @property
+    def mode(self) -> Mode:
+        """Its mode."""
+        return mode_of(self.network)
+
+    @property
+    def middleware(self) -> str | None:
+        """The middleware that is configured, None for all of them."""
+        return self.options.middleware or self.mode.middleware
+
+
+@attrs.frozen
+class Place:
+    """A node, or the one application, among what is set for it.
+
+    Attributes:
+        key: its key in `nodes`; None: it is the application, which has no ROS name.
+        container: the name of its container, for which a patch may set variables.
+        patch: the place of its patch.
+    """
+
+    key: str | None
+    node: NodeOptions
+    ros: Generation
+    release: Release
+    container: str
+    path: Path
+    patch: Path
+
+    @property
+    def on_machine(self) -> bool:
+        """Whether it has its machine's own network."""
+        return self.node.host_network or self.release.mode.in_machine_network
+
+    @property
+    def ros_name(self) -> str | None:
+        """The full name by which the node is looked for; None: it may have any."""
+        if self.key is None or self.node.anonymous or self.node.launch:
+            return None
+        return full_name(self.key, self.node)
+
+
+def check_contradictions(
+    options: OrchestrationOptions, ros: Generation, distro: str
+) -> Iterator[Problem]:
+    """Yield variables and arguments that contradict the job, with paths from its root."""
+    from rigel_k8s.app.generations.ros1.master import master_uri
+
+    nodes = {str(key): node for key, node in options.nodes.items()}
+    own = [node for node in nodes.values() if ros.of_node(node).rmw]
+    domains = [dict(literals(node)).get(DOMAIN) for node in own]
+    pods = len({node.pod or key for key, node in nodes.items()}) + int(has_application(options))
+    pods += sum(int(node.replicas) - 1 for node in nodes.values() if node.replicas)
+    release = Release(options, distro, pods, domains, "" if ros.dds else master_uri(options))
+    for place in places_of(options, ros, release):
+        rules = RULES.get(place.ros.name, {})
+        for given in list_given(place):
+            verdict = rules[given.name](place, given.value) if given.name in rules else None
+            if verdict is None:
+                continue
+            path, message, severity = given.path, verdict.message, verdict.severity
+            if given.name == DOMAIN and has_template(given.value or ""):
+                # Nothing is said if this waits for data, too.
+                path, message = ("network", "domain_id"), f"{place.key}: {message}"
+            yield Problem(path, message, KIND, severity=severity, at_key=given.at_key)
+        yield from check_naming(place)
+
+
+def places_of(options: OrchestrationOptions, ros: Generation, release: Release) -> Iterator[Place]:
+    """Yield the nodes and the application."""
+    for key, node in options.nodes.items():
+        path: Path = ("nodes", str(key))
+        container = object_name(str(key)) if node.pod else NODE_CONTAINER
+        own = ros.of_node(node)
+        yield Place(str(key), node, own, release, container, path, (*path, "patch"))
+    if has_application(options):
+        node, path = application_options(options), ("additional_k8s_params", "application")
+        yield Place(None, node, ros, release, APP_CONTAINER, path, path)
+
+
+def literals(node: NodeOptions) -> Iterator[tuple[str, str]]:
+    """Yield the variables of a node's `env` whose text is known."""
+    for name, source in entries(node.env):
+        if (value := source.get("value")) is not None:
+            yield name, str(value)
+
+
+def list_given(place: Place) -> Iterator[Given]:
+    """Yield the variables that a user sets for a container: `env`, the patch, the command line."""
+    node = place.node
+    for index, (name, source) in enumerate(entries(node.env)):
+        where: Path = (name,) if isinstance(node.env, Mapping) else (index,)
+        yield Given(name, read(source.get("value")), (*place.path, "env", *where))
+    for at, one in enumerate(containers_of(node.patch)):
+        if one.get("name") != place.container:
+            continue
+        for index, item in enumerate(list_mappings(one.get("env"))):
+            where = (*place.patch, "spec", "template", "spec", "containers", at, "env", index)
+            value = "" if item.keys() == {"name"} else item.get("value")
+            yield Given(str(item.get("name")), read(value), where)
+    if place.key is not None:
+        yield from list_assigned(place)
+
+
+def list_assigned(place: Place) -> Iterator[Given]:
+    """Yield the variables that a command line sets: of env, of a shell, of ROS 1's arguments."""
+    line = find_program(place.ros, place.node)
+    path = (*place.path, line_key(place.node))
+    if line and PurePosixPath(line[0]).name in (*SHELLS, "env"):
+        text = " ".join(line)
+        for name in RULES.get(place.ros.name, {}):
+            pattern = rf"""(?:^|[\s;&|("'])({name})=("[^"]*"|'[^']*'|[^\s;&|)"']*)"""
+            for found in re.finditer(pattern, text):
+                yield Given(name, read(found[2].strip("\"'")), path, at_key=True)
+    elif not place.ros.dds:
+        for word in line:
+            name, mark, value = word.partition(":=")
+            if mark and name in ROS1_ARGUMENTS:
+                yield Given(ROS1_ARGUMENTS[name], read(value), path, at_key=True)
+
+
+def line_key(node: NodeOptions) -> str:
+    """Return the option with a node's command line."""
+    return "command" if node.command is not None else "args"
+
+
+def read(value: Any) -> str | None:
+    """Return a variable's text; None if it is known in the container only."""
+    text = None if value is None else str(value)
+    return None if text is not None and FILLED_IN.search(text) else text
+
+
+# ROS 2
+
+
+def explain_domain(place: Place, value: str | None) -> Verdict | None:
+    """Compare a domain with the release's."""
+    release, mode = place.release, place.release.mode
+    network = release.network
+    known = domain(network, place.ros, "") if network else None
+    chosen = network is not None and (network.domain_id is not None or not mode.own_domain)
+    unread = value is None or has_template(value)
+    if value and not unread and not (DECIMAL.fullmatch(value) and int(value) <= LAST_DOMAIN):
+        return Verdict(f'"{value}" is not a DDS domain: a whole number from 0 to {LAST_DOMAIN}')
+    if known is None or (chosen and value == str(known)) or (unread and not mode.own_domain):
+        return None
+    number = "N" if value is None else f'"{value}"' if unread else str(int(value or 0))
+    where = f"is in domain {number}" if not unread else "has a domain of its own"
+    instead = f"remove it, and set `network: {{mode: {mode.name}, domain_id: {number}}}`"
+    ours = f"the release's domain, {known}" if chosen else "the release's own domain"
+    if mode.name in ("peers", "discovery-server"):
+        why = {
+            "peers": f"the Services of `peers` open only the ports of {ours}",
+            "discovery-server": f"the servers' other clients are in {ours}",
+        }[mode.name]
+        if unread and chosen:
+            return None if value else Verdict(f"{why}, and no one knows this one", "warning")
+        return Verdict(f"the node {where}, and {why}, so no node finds it: {instead}")
+    if unread or len(set(release.domains)) == 1:
+        return None
+    message = f"the node {where}, and nodes in {ours} do not find it: {instead}"
+    return Verdict(message, "warning")
+
+
+def explain_middleware(place: Place, value: str | None) -> Verdict | None:
+    """Compare a middleware with the one that the network configures."""
+    release, mode = place.release, place.release.mode
+    if value is None or has_template(value):
+        return None
+    if value in MIDDLEWARE:
+        message = f'"{value}" is not a name of ROS: write {MIDDLEWARE[value]}, or set `middleware:'
+        return Verdict(f"{message} {value}` at the job")
+    name = middleware_name(value.replace("_dynamic", ""))
+    given = {"fastdds": "fastdds", "cyclonedds": "cyclonedds", "zenoh": "zenoh"}.get(name or "")
+    expected = release.middleware
+    if not value or (expected is None and given != "zenoh") or given == expected:
+        return None
+    if expected is None:
+        own_router = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"} & names_of(place.node)
+        if own_router or (mode.name == "none" and (release.network or release.pods < 2)):
+            return None
+        return Verdict("zenoh needs a router: remove it, and set `network: zenoh`, which has one")
+    by = "middleware" if release.options.middleware else "network"
+    word = release.options.middleware or mode.name
+    message = f"`{by}: {word}` configures {expected} only: remove it"
+    if mode.middleware is None and given:
+        message += f", or set `middleware: {given}` at the job"
+    return Verdict(message, "error" if mode.name != "none" else "warning")
+
+
+def names_of(node: NodeOptions) -> set[str]:
+    """Return the names of the variables of a node's `env`."""
+    return {name for name, _ in entries(node.env)}
+
+
+def explain_local(place: Place, what: str) -> Verdict | None:
+    """Judge discovery that ends at the machine, or the pod."""
+    release, mode = place.release, place.release.mode
+    if release.middleware == "zenoh" or release.pods < 2:
+        return None
+    if place.on_machine:
+        message = f"{what}, so the node finds only nodes of its own machine: remove it"
+        return Verdict(message, "warning")
+    message = f"{what}, so the node finds no node of another pod: remove it"
+    return Verdict(message, "error" if mode.looks_beyond else "warning")
+
+
+def explain_localhost(place: Place, value: str | None) -> Verdict | None:
+    """Judge ROS_LOCALHOST_ONLY."""
+    return explain_local(place, "it ends discovery at localhost") if value == "1" else None
+
+
+def explain_range(place: Place, value: str | None) -> Verdict | None:
+    """Judge ROS_AUTOMATIC_DISCOVERY_RANGE; of what it does not know, rcl makes LOCALHOST."""
+    old = place.release.distro.lower() in BEFORE_IRON
+    if old or value in (None, "", "SUBNET") or has_template(value or ""):
+        return None
+    if value == "SYSTEM_DEFAULT":
+        if place.release.mode.name != "peers":
+            return None
+        message = "with SYSTEM_DEFAULT ROS may leave out the list of `peers`: remove it"
+        return Verdict(message, "warning")
+    if value in ("OFF", "LOCALHOST"):
+        return explain_local(place, f"{value} ends discovery at the pod")
+    return explain_local(place, f'ROS takes the unknown "{value}" for LOCALHOST')
+
+
+def explain_servers(place: Place, value: str | None) -> Verdict | None:
+    """Compare discovery servers with the release's."""
+    release, mode = place.release, place.release.mode
+    if value is None or has_template(value) or release.middleware not in (None, "fastdds"):
+        return None
+    if mode.name == "discovery-server":
+        name, network = str(release.options.deployment_name), release.network or Network()
+        ours = [f"{one}:{DISCOVERY_PORT}" for one in mode.services(name, network, ())]
+        if any(one in value for one in ours):
+            return None
+        message = "the node asks other servers than the release's, and finds none of its nodes"
+        return Verdict(f"{message}: remove it, or write {';'.join(ours)} before them")
+    others = [one for one in release.options.nodes.values() if one is not place.node]
+    if not value or all("ROS_DISCOVERY_SERVER" in names_of(one) for one in others):
+        return None
+    message = "a client of a discovery server finds only its other clients: remove it, and set"
+    return Verdict(f"{message} `network: discovery-server`", "warning")
+
+
+def explain_peers(place: Place, value: str | None) -> Verdict | None:
+    """Judge a list of peers that replaces the release's."""
+    if place.release.mode.name != "peers" or place.release.distro.lower() in BEFORE_IRON:
+        return None
+    message = "it replaces the list of the release's nodes: remove it, and set"
+    return Verdict(f"{message} `network: {{mode: peers, peers: [...]}}`", "warning")
+
+
+def explain_transports(place: Place, value: str | None) -> Verdict | None:
+    """Judge transports by shared memory, which no other pod reads."""
+    release, node = place.release, place.node
+    shared = node.pod is not None or bool(release.network and release.network.shared_memory)
+    ours = release.mode.name in ("peers", "discovery-server", "host")
+    if not value or shared or release.pods < 2 or release.middleware not in (None, "fastdds"):
+        return None
+    kind = value.partition("?")[0]
+    if kind == "SHM":
+        return Verdict("pods have no memory in common, so no node hears it: remove it")
+    if ours and kind in ("DEFAULT", "LARGE_DATA"):
+        message = f"{kind} writes into a memory that no other pod reads: remove it, or let nodes"
+        return Verdict(f"{message} share a `pod`", "warning")
+    return None
+
+
+def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
+    """Judge a configuration of zenoh that replaces the one with the release's router."""
+    release = place.release
+    if release.mode.name != "zenoh":
+        return None
+    name, network = str(release.options.deployment_name), release.network or Network()
+    router = next(iter(release.mode.services(name, network, ())))
+    ours = f'mode="client";{ENDPOINTS}=["tcp/{router}:{ZENOH_PORT}"]'
+    if value is None or has_template(value) or f"{router}:" in value:
+        return None
+    message = "it replaces the one that connects the node to the release's router: begin it with"
+    return Verdict(f"{message} {ours};", "warning" if ENDPOINTS in value else "error")
+
+
+# ROS 1
+
+
+def is_alone(release: Release) -> bool:
+    """Return whether all of ROS is in one pod, with a roscore that its image starts."""
+    return release.pods < 2 and find_host(release.master) == "localhost"
+
+
+def is_local(host: str) -> bool:
+    """Return whether a name or address leads nowhere but to the same machine or pod."""
+    try:
+        address = ip_address(host.strip("[]"))
+    except ValueError:
+        return host.lower() == "localhost" or host.lower().startswith("localhost.")
+    return address.is_loopback or address.is_unspecified
+
+
+def find_host(uri: str) -> str:
+    """Return the host of a master's URI."""
+    return uri.partition("://")[2].rstrip("/").rpartition(":")[0]
+
+
+def explain_address(place: Place, value: str | None, what: str) -> Verdict | None:
+    """Judge the address that a node advertises."""
+    if not value or has_template(value) or is_alone(place.release):
+        return None
+    advice = "remove it, and the node has its pod's address"
+    if is_local(value):
+        message = f"other pods cannot connect to {value}, so they hear nothing of it: {advice}"
+        return Verdict(message, "warning" if place.on_machine else "error")
+    if place.on_machine or place.release.mode.attached:
+        return None
+    return Verdict(f"{what}: {advice}", "warning")
+
+
+def explain_ip(place: Place, value: str | None) -> Verdict | None:
+    """Judge ROS_IP."""
+    return explain_address(place, value, "a pod that starts again has another address")
+
+
+def explain_hostname(place: Place, value: str | None) -> Verdict | None:
+    """Judge ROS_HOSTNAME."""
+    return explain_address(place, value, "the name of a pod does not resolve in other pods")
+
+
+def explain_master(place: Place, value: str | None) -> Verdict | None:
+    """Compare a master with the release's."""
+    release = place.release
+    if value is None or has_template(value) or is_alone(release):
+        return None
+    if not RosUri.pattern.fullmatch(value):
+        return Verdict(f'"{value}" is not {RosUri.expects}: remove it')
+    host, ours = find_host(value), find_host(release.master)
+    if host == ours:
+        return None
+    line = find_program(place.ros, place.node)
+    starts = any(re.search(r"\b(roscore|roslaunch|rosmaster)\b", word) for word in line)
+    if is_local(host) and not place.on_machine and not starts:
+        message = f"there is no master in the node's pod: remove it, and it uses {release.master}"
+        return Verdict(message)
+    other = "another master than the release's other nodes, which it does not find"
+    message = f"the node registers at {other}: remove it, or set `ros_master_uri` of the job"
+    return Verdict(message, "warning")
+
+
+def explain_namespace(place: Place, value: str | None) -> Verdict | None:
+    """Compare ROS_NAMESPACE with the name by which the node is looked for."""
+    expected = place.ros_name
+    if value is None or has_template(value) or expected is None:
+        return None
+    actual = ros_name(expected.rpartition("/")[2], value)
+    return None if actual == expected else Verdict(explain_name(actual, expected))
+
+
+Rule = Callable[[Place, str | None], Verdict | None]
+#: By the generation: the variable, and what compares a user's value with what is ours.
+RULES: Mapping[str, Mapping[str, Rule]] = {
+    "2": {
+        DOMAIN: explain_domain,
+        "RMW_IMPLEMENTATION": explain_middleware,
+        "ROS_LOCALHOST_ONLY": explain_localhost,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": explain_range,
+        "ROS_DISCOVERY_SERVER": explain_servers,
+        "ROS_STATIC_PEERS": explain_peers,
+        "FASTDDS_BUILTIN_TRANSPORTS": explain_transports,
+        "ZENOH_CONFIG_OVERRIDE": explain_zenoh,
+    },
+    "1": {
+        "ROS_HOSTNAME": explain_hostname,
+        "ROS_IP": explain_ip,
+        "ROS_MASTER_URI": explain_master,
+        "ROS_NAMESPACE": explain_namespace,
+    },
+}
+#: Arguments of ROS 1 that are variables, too.
+ROS1_ARGUMENTS = {
+    "__hostname": "ROS_HOSTNAME",
+    "__ip": "ROS_IP",
+    "__master": "ROS_MASTER_URI",
+    "__ns": "ROS_NAMESPACE",
+}
+#: By the generation: what an argument sets of a node's name.
+NAMING = {
+    "2": {"__node": "name", "__name": "name", "__ns": "namespace"},
+    "1": {"__name": "name"},
+}
+
+
+def explain_name(actual: str, expected: str) -> str:
+    """Return that a node gets another name than the one by which it is looked for."""
+    namespace, _, name = actual.rpartition("/")
+    options = f"name: {name}" + (f", namespace: {namespace}" if namespace else "")
+    wrong = f"the node would be {actual}, and `rigel` looks for {expected}"
+    return f"{wrong}: remove it, and set `{options}`"
+
+
+def check_naming(place: Place) -> Iterator[Problem]:
+    """Yield arguments that give a node another name than its key or its options."""
+    words, key = NAMING.get(place.ros.name, {}), line_key(place.node)
+    if place.key is None or place.node.launch:
+        return
+    line = find_program(place.ros, place.node)
+    found = {words[rule]: value for rule, value in list_rules(place.ros, line) if rule in words}
+    if not found or any(has_template(value) or FILLED_IN.search(value) for value in found.values()):
+        return
+    path, expected = (*place.path, key), place.ros_name
+    if expected is None:
+        if "name" in found:
+            message = f"all its pods would be {found['name']}: remove it, or `anonymous`"
+            yield Problem(path, message, KIND, severity="warning", at_key=True)
+        return
+    namespace, _, name = expected.rpartition("/")
+    actual = ros_name(found.get("name", name).strip("/"), found.get("namespace", namespace) or None)
+    if actual != expected:
+        sure = place.ros.takes_arguments(line)
+        severity: Severity = "error" if sure else "warning"
+        message = explain_name(actual, expected)
+        yield Problem(path, message, KIND, severity=severity, at_key=True)
+
+
+def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the assignments FROM:=TO of a line; those of a shell, if each is there once."""
+    if line and PurePosixPath(line[0]).name in SHELLS:
+        text = " ".join(line)
+        found = re.findall(r"(?:^|\s)(__\w+):=([^\s;&|\"']+)", text)
+        yield from (one for one in found if [name for name, _ in found].count(one[0]) == 1)
+        return
+    reads, before = not ros.rmw, ""
+    for word in line:
+        if ros.rmw and word in ("--ros-args", "--"):
+            reads = word == "--ros-args"
+        name, mark, value = word.partition(":=")
+        if mark and reads and (not ros.rmw or before in ("-r", "--remap")):
+            yield name, value
+        before = word

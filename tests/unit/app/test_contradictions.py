@@ -1,0 +1,215 @@
+"""What a user gives and what `rigel` sets: an error where nothing could work, else a warning."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigel_k8s.app.checks.contradictions import KIND, RULES
+
+from .shapes import GOLDEN, problems
+
+PEERS, SERVER = "network: peers", "network: discovery-server"
+FOUR = "network: {mode: peers, domain_id: 4}"
+HOST, ZENOH, NONE = "network: host", "network: zenoh", "network: none"
+LAN = "network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24}"
+PATCH = "{spec: {template: {spec: {containers: [{name: ros-node, env: [%s]}]}}}}"
+APP = "rigel-k8s-application"
+FROM = "{configMapKeyRef: {name: a, key: b}}"
+
+#: The job, the node's options, the severity (- for none), and what the message contains.
+ROS2 = [
+    (PEERS, "env: {ROS_DOMAIN_ID: 42}", "error", "network: {mode: peers, domain_id: 42}"),
+    (PEERS, 'env: {ROS_DOMAIN_ID: "42"}', "error", "domain_id: 42"),
+    (PEERS, "env: [{name: ROS_DOMAIN_ID, value: 42}]", "error", "domain_id: 42"),
+    (PEERS, f"env: [{{name: ROS_DOMAIN_ID, valueFrom: {FROM}}}]", "error", "domain of its own"),
+    (PEERS, "env: {ROS_DOMAIN_ID: $(ROBOT)}", "error", "domain of its own"),
+    (PEERS, 'env: {ROS_DOMAIN_ID: ""}', "error", "domain_id: 0"),
+    (PEERS, "env: {ROS_DOMAIN_ID: '{{ data.domain }}'}", "error", 'domain_id: "{{ data.domain }}"'),
+    (PEERS, f"patch: {PATCH % '{name: ROS_DOMAIN_ID, value: 7}'}", "error", "domain_id: 7"),
+    (FOUR, "env: {ROS_DOMAIN_ID: 42}", "error", "the release's domain, 4,"),
+    (FOUR, "env: {ROS_DOMAIN_ID: 4}", "-", ""),
+    (FOUR, "env: {ROS_DOMAIN_ID: '{{ data.domain }}'}", "-", ""),
+    (FOUR, f"env: [{{name: ROS_DOMAIN_ID, valueFrom: {FROM}}}]", "warning", "no one knows"),
+    (SERVER, "env: {ROS_DOMAIN_ID: 42}", "error", "mode: discovery-server, domain_id: 42"),
+    *(
+        (network, f"env: {{ROS_DOMAIN_ID: '{wrong}'}}", "error", "not a DDS domain")
+        for network in (PEERS, HOST, NONE)
+        for wrong in ("300", "-1", "abc", "0x2a", "010", "4.2", "true", " 42")
+    ),
+    (HOST, "env: {ROS_DOMAIN_ID: 42}", "warning", "do not find it"),
+    (HOST, "env: {ROS_DOMAIN_ID: 0}", "-", ""),
+    (ZENOH, "env: {ROS_DOMAIN_ID: 42}", "warning", "do not find it"),
+    (NONE, "env: {ROS_DOMAIN_ID: 42}", "-", ""),
+    (PEERS, "ros: none, env: {ROS_DOMAIN_ID: 42}", "-", ""),
+    (PEERS, "env: {ROS_DOMAIN: 42}", "-", ""),
+    (PEERS, "args: [bash, -c, ROS_DOMAIN_ID=42 exec talker]", "error", "domain_id: 42"),
+    (PEERS, "args: [bash, -c, \"export ROS_DOMAIN_ID='42'; talker\"]", "error", "domain_id: 42"),
+    (PEERS, "args: [env, ROS_DOMAIN_ID=42, ros2, run, p, e]", "error", "domain_id: 42"),
+    (PEERS, "args: [bash, -c, MY_ROS_DOMAIN_ID=42 talker]", "-", ""),
+    ("middleware: fastdds", "env: {RMW_IMPLEMENTATION: rmw_fastrtps_cpp}", "-", ""),
+    ("middleware: fastdds", "env: {RMW_IMPLEMENTATION: rmw_fastrtps_dynamic_cpp}", "-", ""),
+    (
+        f"{PEERS}, middleware: fastdds",
+        "env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}",
+        "error",
+        "or set `middleware: cyclonedds`",
+    ),
+    (
+        f"{NONE}, middleware: fastdds",
+        "env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}",
+        "warning",
+        "configures fastdds only",
+    ),
+    (SERVER, "env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}", "error", "fastdds only: remove it"),
+    (ZENOH, "env: {RMW_IMPLEMENTATION: rmw_fastrtps_cpp}", "error", "zenoh only"),
+    (PEERS, "env: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}", "-", ""),
+    (PEERS, "env: {RMW_IMPLEMENTATION: rmw_zenoh_cpp}", "error", "needs a router"),
+    (PEERS, "env: {RMW_IMPLEMENTATION: rmw_zenoh_cpp, ZENOH_CONFIG_OVERRIDE: x}", "-", ""),
+    (PEERS, "env: {RMW_IMPLEMENTATION: cyclonedds}", "error", "write rmw_cyclonedds_cpp"),
+    (PEERS, "env: {ROS_LOCALHOST_ONLY: 1}", "error", "no node of another pod"),
+    (PEERS, "env: {ROS_LOCALHOST_ONLY: 0}", "-", ""),
+    (HOST, "env: {ROS_LOCALHOST_ONLY: 1}", "warning", "of its own machine"),
+    (NONE, "env: {ROS_LOCALHOST_ONLY: 1}", "warning", "no node of another pod"),
+    (LAN, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: 'OFF'}", "error", "OFF ends discovery"),
+    (LAN, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST}", "error", "LOCALHOST ends"),
+    (LAN, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: subnet}", "error", '"subnet" for LOCALHOST'),
+    (LAN, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: SUBNET}", "-", ""),
+    (LAN, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: SYSTEM_DEFAULT}", "-", ""),
+    (PEERS, "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: SYSTEM_DEFAULT}", "warning", "leave out"),
+    (SERVER, "env: {ROS_DISCOVERY_SERVER: robot:11811}", "error", "asks other servers"),
+    (
+        SERVER,
+        f"env: {{ROS_DISCOVERY_SERVER: 'other:1;{APP}-discovery-0:11811'}}",
+        "-",
+        "",
+    ),
+    (HOST, "env: {ROS_DISCOVERY_SERVER: robot:11811}", "warning", "only its other clients"),
+    (PEERS, "env: {ROS_STATIC_PEERS: 10.0.0.5}", "warning", "replaces the list"),
+    (PEERS, "env: {FASTDDS_BUILTIN_TRANSPORTS: SHM}", "error", "no memory in common"),
+    (PEERS, "env: {FASTDDS_BUILTIN_TRANSPORTS: UDPv4}", "-", ""),
+    (ZENOH, "env: {ZENOH_CONFIG_OVERRIDE: a/b=true}", "error", "begin it with mode="),
+    (
+        ZENOH,
+        f"env: {{ZENOH_CONFIG_OVERRIDE: 'connect/endpoints=[\"tcp/{APP}-zenoh:7447\"]'}}",
+        "-",
+        "",
+    ),
+    (PEERS, 'args: [--ros-args, -r, "__node:=cam"]', "error", "`name: cam`"),
+    (PEERS, 'args: [--ros-args, --remap, "__name:=cam"]', "error", "`name: cam`"),
+    (PEERS, 'args: [--ros-args, -r, "__ns:=/r1"]', "error", "`name: n, namespace: /r1`"),
+    (PEERS, 'args: "--ros-args -r __node:=cam -r __ns:=/r1"', "error", "would be /r1/cam"),
+    (PEERS, 'args: [--ros-args, -r, "__node:=n"]', "-", ""),
+    (PEERS, 'args: ["__node:=cam"]', "-", ""),
+    (PEERS, 'args: [--ros-args, -r, "other:__node:=cam"]', "-", ""),
+    (PEERS, 'args: [--ros-args, -r, "a:=b", -p, "x:=1"]', "-", ""),
+    (PEERS, 'args: [--ros-args, -r, "__node:=c"], anonymous: true', "warning", "all its pods"),
+    (
+        PEERS,
+        'args: [bash, -c, "ros2 run p e --ros-args -r __node:=cam"]',
+        "warning",
+        "`name: cam`",
+    ),
+]
+ROS1 = [
+    ("", "env: {ROS_HOSTNAME: localhost}", "error", "cannot connect to localhost"),
+    ("", "env: {ROS_HOSTNAME: driver}", "warning", "does not resolve"),
+    (HOST, "env: {ROS_HOSTNAME: localhost}", "warning", "cannot connect"),
+    (HOST, "env: {ROS_HOSTNAME: robot.local}", "-", ""),
+    ("", "env: {ROS_HOSTNAME: $(RIGEL_K8S_POD_IP)}", "-", ""),
+    ("", "env: {ROS_IP: 127.0.0.1}", "error", "cannot connect to 127.0.0.1"),
+    ("", "env: {ROS_IP: 0.0.0.0}", "error", "cannot connect"),
+    ("", "env: {ROS_IP: 192.168.1.5}", "warning", "another address"),
+    ("", "env: [{name: ROS_IP, valueFrom: {fieldRef: {fieldPath: status.podIP}}}]", "-", ""),
+    ("", "env: {ROS_MASTER_URI: 'http://localhost:11311'}", "error", "no master in the node's pod"),
+    ("", "env: {ROS_MASTER_URI: 'http://127.0.0.1:11311/'}", "error", "http://ros-master:11311"),
+    ("", "env: {ROS_MASTER_URI: 'ros-master:11311'}", "error", "is not a ROS master's URI"),
+    ("", "env: {ROS_MASTER_URI: 'http://ros-master:11311'}", "-", ""),
+    ("", "env: {ROS_MASTER_URI: 'http://roscore:11311'}", "warning", "`ros_master_uri`"),
+    (
+        "ros_master_uri: 'http://robot:11311'",
+        "env: {ROS_MASTER_URI: 'http://robot:11311/'}",
+        "-",
+        "",
+    ),
+    ("deploy_ros_master: false", "env: {ROS_MASTER_URI: 'http://localhost:11311'}", "-", ""),
+    ("", 'args: [--flag, "__master:=http://localhost:1"]', "error", "no master"),
+    ("", 'args: ["__ip:=127.0.0.1"]', "error", "cannot connect"),
+    ("", 'args: ["__name:=cam"]', "error", "`name: cam`"),
+    ("", 'args: ["__name:=n", "__ns:=/"]', "-", ""),
+    ("", 'args: ["__ns:=/r1"]', "error", "`name: n, namespace: /r1`"),
+    ("", "env: {ROS_NAMESPACE: r1}", "error", "would be /r1/n"),
+    ("", "env: {ROS_NAMESPACE: r1}, namespace: /r1", "-", ""),
+    ("", "env: {ROS_DOMAIN_ID: 42}", "-", ""),
+]
+
+
+def judge(job: str, node: str, distro: str, other: str = "b: {args: x}") -> tuple[str, str]:
+    """Return the severity and the message of the one contradiction; - for none."""
+    program = "" if "bash" in node or "[env" in node else "package: p, executable: e, "
+    if "ros: none" in node:
+        program = "args: x, "
+    text = f"{{image: a, {job}{',' * bool(job)} nodes: {{n: {{{program}{node}}}, {other}}}}}"
+    found = [one for one in problems(text, distro) if one.kind == KIND]
+    assert len(found) <= 1
+    for one in found:
+        assert one.path[:2] in {("nodes", "n"), ("network", "domain_id")}
+        assert not one.message.endswith(".")
+    return (found[0].severity, found[0].message) if found else ("-", "")
+
+
+@pytest.mark.parametrize(("job", "node", "severity", "words"), ROS2)
+def test_what_defeats_ros2_is_reported(job: str, node: str, severity: str, words: str) -> None:
+    """With what to write instead; nothing is said of what works."""
+    found, message = judge(job, node, "jazzy")
+    assert found == severity, message
+    assert words in message
+
+
+@pytest.mark.parametrize(("job", "node", "severity", "words"), ROS1)
+def test_what_defeats_ros1_is_reported(job: str, node: str, severity: str, words: str) -> None:
+    """The same for addresses, masters and names of ROS 1."""
+    found, message = judge(job, node, "noetic")
+    assert found == severity, message
+    assert words in message
+
+
+def test_all_nodes_may_be_in_one_domain_of_their_own() -> None:
+    """On a wire they find each other in any; with peers they do not."""
+    same = "b: {args: x, env: {ROS_DOMAIN_ID: 42}}"
+    assert judge(LAN, "env: {ROS_DOMAIN_ID: 42}", "jazzy", same)[0] == "-"
+
+
+def test_a_single_pod_may_keep_to_itself() -> None:
+    """It has no one to find, and an image may start roscore itself."""
+    one = "{image: a, %s, nodes: {n: {args: x, env: {%s}}}}"
+    for job, env, distro in (
+        (PEERS, "ROS_LOCALHOST_ONLY: 1", "jazzy"),
+        ("deploy_ros_master: false", "ROS_HOSTNAME: localhost", "noetic"),
+    ):
+        assert [p for p in problems(one % (job, env), distro) if p.kind == KIND] == []
+
+
+def test_before_iron_the_range_is_not_read() -> None:
+    node = "env: {ROS_AUTOMATIC_DISCOVERY_RANGE: LOCALHOST}"
+    assert judge(PEERS, node, "humble")[0] == "-"
+
+
+def test_the_application_is_compared_too() -> None:
+    """Its variables are in additional_k8s_params."""
+    patch = PATCH.replace("ros-node", "ros-app") % "{name: ROS_HOSTNAME, value: localhost}"
+    text = f"{{application_image: a, additional_k8s_params: {{application: {patch}}}}}"
+    found = [p for p in problems(text) if p.kind == KIND]
+    place = ("spec", "template", "spec", "containers", 0, "env", 0)
+    assert [p.path for p in found] == [("additional_k8s_params", "application", *place)]
+
+
+def test_every_rule_has_a_case() -> None:
+    """A line of the table is here, too."""
+    for name in (*RULES["1"], *RULES["2"]):
+        assert any(name in node for _, node, severity, _ in (*ROS1, *ROS2) if severity != "-")
+
+
+@pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.with.yaml")), ids=lambda p: p.name)
+def test_golden_options_contradict_nothing(path: object) -> None:
+    text = (GOLDEN / str(path)).read_text("utf-8")
+    assert [p for p in problems(text) if p.kind == KIND] == []

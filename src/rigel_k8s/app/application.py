@@ -11,14 +11,17 @@ from typing import Any
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.recording import VOLUME, is_recorder
 from rigel_k8s.objects.overlay import merge, simplify
-from rigel_k8s.objects.podoptions import Placement
+from rigel_k8s.objects.podoptions import Placement, Toleration
 from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
+from rigel_k8s.objects.tolerations import STAY
 from rigel_k8s.rigelfile.fields import fields_by_key
 
 APP_CONTAINER = "ros-app"
 #: The label of remote machines, as in src.plugin.
 REMOTE = {LabelKey("deploymentType"): LabelValue("remote")}
+#: A remote machine is a robot: its pod stays while its network fails.
+STAYING = [Toleration(key=LabelKey(k), operator="Exists", effect="NoExecute") for k in STAY]
 #: A job with one of these describes a whole release.
 WHOLE = ("nodes", "application_image", "deploy_ros_master")
 #: Options whose parts belong together: a mix of an old and a new one would be invalid.
@@ -41,6 +44,8 @@ def application_options(options: OrchestrationOptions) -> NodeOptions:
         update=options.rolling_update,
         volumes=[v.name for v in options.persistent_storage.volumes if v.name not in others],
         placement=Placement(labels=REMOTE if remote else {}),
+        tolerations=list(STAYING) if remote else [],
+        image_pull_policy="IfNotPresent" if remote else None,
         patch=options.additional_k8s_params.application,
     )
 

@@ -110,8 +110,8 @@ class RosNode:
 
     @property
     def pinned(self) -> bool:
-        """Whether it is bound to certain machines."""
-        return bool(self.options.placement.node_selector)
+        """Whether it is bound to one machine."""
+        return self.options.placement.machine is not None
 
     @property
     def ros_name(self) -> str | None:

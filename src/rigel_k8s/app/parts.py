@@ -26,7 +26,7 @@ from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.naming import object_name
-from rigel_k8s.objects.pods import Object, scripts_config
+from rigel_k8s.objects.pods import Object, drop_empty, scripts_config
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
@@ -193,10 +193,12 @@ class Parts:
     def place(self) -> Mapping[str, Any]:
         """Return where workloads beside the nodes run: with them, if all are bound to one place."""
         options = self.options
-        chosen = [node.placement.node_selector for node in options.nodes.values()]
+        nodes = [*options.nodes.values()]
         if has_application(options):
-            chosen.append(application_options(options).placement.node_selector)
-        if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):
+            nodes.append(application_options(options))
+        chosen = nodes[0].placement.node_selector if nodes else {}
+        if not chosen or any(one.placement.node_selector != chosen for one in nodes):
             return {}
-        asked = next(iter(options.nodes.values())).tolerations if options.nodes else []
-        return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}
+        pinned = nodes[0].placement.machine is not None
+        asked = tolerations(nodes[0].tolerations, pinned=pinned)
+        return drop_empty({"nodeSelector": chosen, "tolerations": asked})

@@ -183,6 +183,11 @@ class Machines:
         chosen = {str(key): str(value) for key, value in self.labels.items()}
         return {**chosen, HOSTNAME: str(self.node)} if self.node else chosen
 
+    @property
+    def machine(self) -> str | None:
+        """The one machine that a pod is bound to; other labels may be those of several."""
+        return self.node_selector.get(HOSTNAME)
+
 
 @attrs.frozen(kw_only=True)
 class Placement(Machines):

@@ -222,7 +222,7 @@ def check_count(network: Network, pods: int) -> Iterator[Problem]:
 
 def check_machines(network: Network, workloads: list[Workload], pods: int) -> Iterator[Problem]:
     """Yield a problem if host-local would give one address to two machines."""
-    machines = {one.node.placement.node for one in workloads}
+    machines = {one.node.placement.machine for one in workloads}
     if network.ipam == "host-local" and pods > 1 and (None in machines or len(machines) > 1):
         message = (
             "host-local counts on each machine separately, so two machines assign one address"

@@ -12,6 +12,7 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, NAME_LABEL
 from rigel_k8s.objects.naming import HOSTNAME
+from rigel_k8s.objects.podoptions import Machines
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.objects.tolerations import tolerations
@@ -80,11 +81,11 @@ def server_deployment(
         "volumeMounts": [mount],
     }
     account = network.service_account
-    selector = network.placement.node_selector if network.placement else {}
+    place = network.placement or Machines()
     pod = {
         "affinity": prefer_apart(earlier),
-        "nodeSelector": selector,
-        "tolerations": tolerations([], pinned=bool(selector)),
+        "nodeSelector": place.node_selector,
+        "tolerations": tolerations([], pinned=place.machine is not None),
         "containers": [whole],
         "volumes": [volume],
         "serviceAccountName": account,

@@ -104,7 +104,7 @@ def master_deployment(
     release: ReleaseContext, image: str, options: OrchestrationOptions, wired: Wiring
 ) -> Object:
     """Return roscore's Deployment with the user's own parts merged in."""
-    node_selector = options.ros_master_placement.node_selector
+    place = options.ros_master_placement
     volume, mount = inpod_volume(release.release)
     # Its pod becomes unready after a minute of silence.
     ready = probes("ros", ("master",))
@@ -125,8 +125,8 @@ def master_deployment(
             "initContainers": list(wired.init_containers),
             "containers": [container],
             "volumes": [volume, *wired.volumes],
-            "nodeSelector": node_selector,
-            "tolerations": tolerations([], pinned=bool(node_selector)),
+            "nodeSelector": place.node_selector,
+            "tolerations": tolerations([], pinned=place.machine is not None),
             **wired.pod,
         }
     )

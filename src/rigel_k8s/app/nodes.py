@@ -26,7 +26,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.programs import Command, find_program, full_name, put_start_before, wrap
 from rigel_k8s.app.testing import TEST_ANNOTATION
-from rigel_k8s.app.updating import Way, choose_way
+from rigel_k8s.app.updating import Way, choose_way, find_exclusive
 from rigel_k8s.app.volumes import device_resources, mounts
 from rigel_k8s.generation import Generation
 from rigel_k8s.network.modes import mode_of, wire_pod
@@ -188,9 +188,10 @@ def pod_objects(
     release = attrs.evolve(release, ros=first.ros)
     plan = plan_of(first, plan)
     obstacle = find_obstacle(nodes, plan)
+    exclusive = find_exclusive(first.options, first.volumes, plan.options)
     wired = wiring_of(first, plan)
     parts = [
-        make_part(release, node, plan, wired, way_of(release, node, nodes, obstacle))
+        make_part(release, node, plan, wired, way_of(release, node, nodes, obstacle, exclusive))
         for node in nodes
     ]
     for part in parts:
@@ -301,12 +302,22 @@ def find_obstacle(nodes: Sequence[RosNode], plan: NetworkPlan) -> str | None:
 
 
 def way_of(
-    release: ReleaseContext, node: RosNode, nodes: Sequence[RosNode], obstacle: str | None
+    release: ReleaseContext,
+    node: RosNode,
+    nodes: Sequence[RosNode],
+    obstacle: str | None,
+    exclusive: str | None,
 ) -> Way:
     """Return how a node's pod is updated, with what the node needs for it."""
     options = node.options
     way = choose_way(
-        release, node.name, node.ros_name, options.update, obstacle, anonymous=options.anonymous
+        release,
+        node.name,
+        node.ros_name,
+        options.update,
+        obstacle,
+        anonymous=options.anonymous,
+        exclusive=exclusive,
     )
     if way.env and options.pod:
         own = shared_pod_variables(node.workload, (str(one.container) for one in nodes))

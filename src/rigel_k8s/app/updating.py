@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import attrs
 
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.volumes import device_of, mount_of
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.objects.raw import list_mappings, mapping, pod_of
+from rigel_k8s.objects.raw import containers_of, list_mappings, mapping, pod_of
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 
@@ -79,18 +81,22 @@ def choose_way(
     obstacle: str | None,
     *,
     anonymous: bool = False,
+    exclusive: str | None = None,
 ) -> Way:
     """Return how a workload is updated.
 
     Args:
         ros_name: the full name of the node, if it is known.
         obstacle: why it cannot be handed over; see Generation.find_obstacle.
+        exclusive: why one machine cannot run two of its pods; see find_exclusive.
     """
     asked = update or RollingUpdate()
     if is_rolling(update):
         return Way("Rolling", "`update` requests it", asked)
     if asked.strategy is not None and asked.strategy.lower() == "recreate":
         return Way("Recreate", "`update` requests it", asked)
+    if anonymous and exclusive:
+        return Way("Recreate", exclusive, asked)
     if anonymous:
         return Way("Rolling", "its ROS name differs in each pod", asked)
     return release.ros.choose_way(release, workload, ros_name, asked, obstacle)
@@ -101,9 +107,44 @@ def recreate(*_: Any) -> Way:
     return Way("Recreate", "nothing arbitrates between two programs")
 
 
+def find_exclusive(
+    node: NodeOptions, volumes: Mapping[str, Volume], network: Network | None
+) -> str | None:
+    """Return why Kubernetes cannot run two pods of a node on one machine, None if it can.
+
+    A machine may have one GPU only, and has each port once. An update with both pods never ends.
+
+    Args:
+        volumes: the release's persistent volumes, by name.
+    """
+    own = (*node.resources.limits.items(), *node.resources.requests.items())
+    asked = [(str(name), str(count)) for name, count in own]
+    for container in containers_of(node.patch):
+        limits = mapping(mapping(container.get("resources")).get("limits"))
+        asked += [(str(name), str(count)) for name, count in limits.items()]
+    devices = [str(one.resource) for one in map(device_of, node.devices) if one.resource]
+    devices += [str(name) for name, count in asked if "/" in name and count.strip("0.")]
+    if devices:
+        return f"it has the device {devices[0]}"
+    spec = pod_of(node.patch)
+    on_machine = node.host_network or bool(spec.get("hostNetwork"))
+    on_machine = on_machine or mode_of(network).in_machine_network
+    for container in containers_of(node.patch):
+        ports = list(list_mappings(container.get("ports")))
+        if any("hostPort" in port for port in ports) or (on_machine and ports):
+            return "it has a port of its machine"
+    if on_machine and node.ports:
+        return "it has a port of its machine"
+    for volume in list_claims(node, volumes):
+        if volume.access_mode == "ReadWriteOncePod":
+            return f"its volume {volume.name} is {volume.access_mode}"
+    return None
+
+
 def find_obstacle(
     node: NodeOptions,
     volumes: Mapping[str, Volume],
+    network: Network | None,
     ready_by: Sequence[str | None],
     *,
     shares_network: bool = False,
@@ -115,6 +156,8 @@ def find_obstacle(
         ready_by: the readiness checks that support hand-overs.
         shares_network: two of them can run on one machine's own network.
     """
+    if exclusive := find_exclusive(node, volumes, network):
+        return exclusive
     if own := find_own_machine(node, shares_network=shares_network):
         return own
     ready = node.readiness
@@ -124,7 +167,7 @@ def find_obstacle(
 
 
 def find_clash(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
-    """Return why two pods of a node disturb each other, even if their ROS names differ."""
+    """Return why two pods of a node that can run at once disturb each other."""
     return find_own_machine(node) or find_shared(node, volumes)
 
 
@@ -141,12 +184,16 @@ def find_own_machine(node: NodeOptions, *, shares_network: bool = False) -> str 
 
 def find_shared(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
     """Return why a node's volumes, or its patch, prevent two pods from running side by side."""
-    mounted = [mount_of(item) for item in node.volumes]
-    claims = (volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes)
-    for volume in claims:
+    for volume in list_claims(node, volumes):
         if volume.access_mode in EXCLUSIVE:
             return f"its volume {volume.name} is {volume.access_mode}"
     return find_patched(node.patch)
+
+
+def list_claims(node: NodeOptions, volumes: Mapping[str, Volume]) -> Iterator[Volume]:
+    """Yield the persistent volumes that a node mounts."""
+    names = (str(mount_of(item).name) for item in node.volumes)
+    yield from (volumes[name] for name in names if name in volumes)
 
 
 def has_variable(node: NodeOptions, name: str) -> bool:
@@ -164,8 +211,6 @@ def find_patched(patch: Mapping[str, Any]) -> str | None:
     for container in list_mappings(spec.get("containers")):
         if mapping(container.get("securityContext")).get("privileged"):
             return "it is privileged"
-        if any("hostPort" in port for port in list_mappings(container.get("ports"))):
-            return "it has a port of its machine"
     if any("persistentVolumeClaim" in one for one in list_mappings(spec.get("volumes"))):
         return "it mounts a claim that may be exclusive"
     return None

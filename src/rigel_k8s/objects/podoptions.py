@@ -75,8 +75,8 @@ class RollingUpdate:
         "HandOver: the new pod starts completely, and takes over in one moment (ROS 1: it gets the"
         " ROS names when the old one stops; ROS 2: it is silent and hears nothing until then);"
         " Recreate: the old pod has ended before the new one starts; Rolling: both work until"
-        " the old one stops. Default: Rolling for anonymous nodes; HandOver where two of the pod"
-        " can run, in ROS 1 behind a gate; else Recreate"
+        " the old one stops. Default where two of the pod can run: Rolling for anonymous nodes,"
+        " HandOver for others, in ROS 1 behind a gate; else Recreate"
     )
     max_surge: Share | None = option("extra pods during an update (default 1)")
     max_unavailable: Share | None = option("missing pods during an update (default 0)")

@@ -18,9 +18,10 @@ from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, find_program, full_name
 from rigel_k8s.app.testing import check_test
-from rigel_k8s.app.updating import find_clash, is_rolling
+from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.generation import Generation
+from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, Volume
 from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
@@ -61,7 +62,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     yield from check_volumes(node, set(volumes))
     yield from check_files(node)
-    yield from check_anonymous(key, node, ros, volumes)
+    yield from check_anonymous(key, node, ros, volumes, options.network)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
     yield from check_placement(key, node, options.nodes)
@@ -198,7 +199,11 @@ def check_files(node: NodeOptions) -> Iterator[Problem]:
 
 
 def check_anonymous(
-    key: str, node: NodeOptions, ros: Generation, volumes: Mapping[str, Volume]
+    key: str,
+    node: NodeOptions,
+    ros: Generation,
+    volumes: Mapping[str, Volume],
+    network: Network | None,
 ) -> Iterator[Problem]:
     """Yield a warning of two pods at once, or of a name that no node has.
 
@@ -209,7 +214,8 @@ def check_anonymous(
     """
     line = find_program(ros, node) if ros.nodes else []
     if node.anonymous:
-        yield from check_two_at_once(node, find_clash(node, volumes) or find_group(line))
+        if not find_exclusive(node, volumes, network):
+            yield from check_two_at_once(node, find_clash(node, volumes) or find_group(line))
     elif line[:1] == ["ros2"] and line[1:] and line[1] not in STARTERS:
         message = (
             f"no ROS node is called {full_name(key, node)}, since ros2 {line[1]} names its node"

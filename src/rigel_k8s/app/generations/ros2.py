@@ -43,7 +43,7 @@ from rigel_k8s.app.programs import (
 )
 from rigel_k8s.app.updating import Way, find_obstacle
 from rigel_k8s.generation import Generation, Loading, Object
-from rigel_k8s.network.modes import mode_of, ready_words
+from rigel_k8s.network.modes import ready_words
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import LOG_PATH, log_volume
@@ -262,14 +262,9 @@ def find_own_obstacle(
         return left_out
     if node.replicas is not None and int(node.replicas) > 1:
         return f"it has {node.replicas} pods"
-    on_machine = node.host_network
-    if network is not None:
-        on_machine = on_machine or mode_of(network).in_machine_network
-        if network.ipam == "static":
-            return "with `ipam: static` two pods would have one address"
-    if on_machine and node.ports:
-        return "it has a port of its machine"
-    return find_obstacle(node, volumes, (None, "ros", "dds"), shares_network=True)
+    if network is not None and network.ipam == "static":
+        return "with `ipam: static` two pods would have one address"
+    return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
 
 
 def choose_way(

@@ -74,7 +74,7 @@ def find_own_obstacle(
 ) -> str | None:
     """Return why two pods of a node cannot run side by side, or the gate cannot manage them."""
     static = network is not None and network.ipam == "static"
-    obstacle = find_obstacle(node, volumes, (None, "ros"))
+    obstacle = find_obstacle(node, volumes, network, (None, "ros"))
     if static or has_variable(node, "ROS_MASTER_URI"):
         return obstacle or "it has a ROS_MASTER_URI of its own"
     return obstacle

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
     from rigel_k8s.objects.podoptions import RollingUpdate, Volume
     from rigel_k8s.objects.refs import Manifest
+    from rigel_k8s.objects.rosnames import Names
     from rigel_k8s.objects.workloads import ReleaseContext
     from rigel_k8s.problems import Path, Problem
     from rigel_k8s.release.types import ReleaseId
@@ -103,6 +104,7 @@ class Generation:
         name: the value of `ros`.
         title: what messages call an application of it.
 
+        names: the names that its nodes may have, and remap.
         nodes: its programs are ROS nodes: they have names, and read arguments and variables of ROS.
         dds: they discover each other by DDS, or by zenoh in its place, not at a master.
         rmw: they read ROS 2's variables: the domain, the middleware, how far discovery reaches.
@@ -149,6 +151,7 @@ class Generation:
     name: Ros
     title: str
 
+    names: Names | None = None
     nodes: bool = True
     dds: bool = True
     rmw: bool = False

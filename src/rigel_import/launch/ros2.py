@@ -39,7 +39,7 @@ def push_namespace(scope: Scope, entity: Entity) -> None:
 def remap(scope: Scope, entity: Entity) -> None:
     """Rename a topic or service of nodes; the first one of a name wins.
 
-    Private names, `~/in`, are written in full, since a Rigelfile has no others.
+    Private names, `~/in`, are written in full.
     """
     pair = [scope.read_known(entity, key) for key in ("from", "to")]
     for index, name in enumerate(pair):

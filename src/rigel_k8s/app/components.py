@@ -50,15 +50,6 @@ def dotted(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[st
             yield f"{prefix}{name}", unify_lists(value)
 
 
-def check_values(component: Component) -> Iterator[Problem]:
-    """Yield parameters of a component without a value."""
-    for key, value in component.parameters.items():
-        for name, inner in dotted({key: value}):
-            if inner is None:
-                message = f'the parameter "{name}" has no value'
-                yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
-
-
 def check_components(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what is wrong with the components of the node of a key; paths are the node's own."""
     if not node.components:
@@ -79,7 +70,7 @@ def check_components(key: str, node: NodeOptions, ros: Generation) -> Iterator[P
             message = f"{taken[full]} already has the ROS name {full}"
             yield Problem(path, message, "name-taken", at_key=True)
         taken.setdefault(full, f'"{name}"')
-        for problem in check_component(name, component, loading):
+        for problem in check_component(name, component, ros, loading):
             yield problem.under(path)
 
 
@@ -97,11 +88,37 @@ def explain_no_loading(node: NodeOptions, ros: Generation, loading: Loading) -> 
     return None
 
 
-def check_component(key: str, component: Component, loading: Loading) -> Iterator[Problem]:
+def check_component(
+    key: str, component: Component, ros: Generation, loading: Loading
+) -> Iterator[Problem]:
     """Yield what is wrong with one component; paths are its own."""
     if component.name is None:
-        try:
-            RosName.parse(key)
-        except ValueError as error:
-            yield Problem((), f"{error}, or set a `name`", RosName.kind, at_key=True)
+        yield from check_key(key, ros)
+    yield from check_names(component, ros)
     yield from loading.check(component)
+
+
+def check_key(key: str, ros: Generation) -> Iterator[Problem]:
+    """Yield why a key cannot be the name of a node or component."""
+    try:
+        reason = ros.names.explain(ros.names.node, RosName.parse(key)) if ros.names else None
+    except ValueError as error:
+        reason = str(error)
+    if reason:
+        yield Problem((), f"{reason}, or set a `name`", RosName.kind, at_key=True)
+
+
+def check_names(options: NodeOptions | Component, ros: Generation) -> Iterator[Problem]:
+    """Yield names and remappings that the generation does not have; paths are their own."""
+    names = ros.names
+    if names is None:
+        return
+    for key, name in (("name", options.name), ("namespace", options.namespace)):
+        if name is not None and (reason := names.explain(names.node, str(name))):
+            yield Problem((key,), reason, RosName.kind)
+    for source, target in options.remappings.items():
+        path: Path = ("remappings", str(source))
+        if reason := names.explain(names.source, str(source)):
+            yield Problem(path, reason, RosName.kind, at_key=True)
+        if reason := names.explain(names.target, str(target)):
+            yield Problem(path, reason, RosName.kind)

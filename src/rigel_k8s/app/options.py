@@ -43,6 +43,7 @@ from rigel_k8s.objects.scalars import (
     MountPath,
     ObjectName,
     Port,
+    RemapName,
     Replicas,
     RosName,
     RosUri,
@@ -143,7 +144,7 @@ class Component:
     name: RosName | None = option("its ROS name, if it differs from the key")
     namespace: RosName | None = option("its ROS namespace")
     parameters: Mapping[str, Any] = option("its private parameters", {})
-    remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
+    remappings: Mapping[RemapName, RemapName] = option("ROS names: from -> to", {})
     extra_arguments: Mapping[str, Scalar] = option(
         "ROS 2: further arguments of the component, such as use_intra_process_comms", {}
     )
@@ -230,7 +231,7 @@ class NodeOptions:
         " in its command line, in `env`, and in its parameters and those of its components",
         default=False,
     )
-    remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
+    remappings: Mapping[RemapName, RemapName] = option("ROS names: from -> to", {})
     pod: ObjectName | None = option(
         "ROS 2: the name of a pod that it shares with all nodes that set the same one: each has a"
         " container of its own, called as its Deployment would be, and they share memory for large"

@@ -14,6 +14,7 @@ from rigel_k8s.image_reference import is_reference
 
 T = TypeVar("T", bound="Text")
 N = TypeVar("N", bound="Number")
+R = TypeVar("R", bound="RosName")
 
 
 class Text(str):
@@ -189,18 +190,26 @@ class MountPath(Text):
 
 
 class RosName(Text):
-    """A ROS graph resource name: letters, digits, _ and /, a letter, / or ~ first."""
+    """A ROS graph resource name of any generation; each has rules of its own (rosnames.py)."""
 
     kind = "bad-ros-name"
     expects = "a ROS name: letters, digits, _ and /, starting with a letter or /"
-    pattern = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*|/")
+    pattern = re.compile(r"[~/]?_?[A-Za-z][A-Za-z0-9_]*(/_?[A-Za-z][A-Za-z0-9_]*)*|/")
 
     @classmethod
-    def parse(cls, raw: str) -> RosName:
+    def parse(cls: type[R], raw: str) -> R:
         """Return the name; a hyphen, a common mistake, has its own message."""
         if "-" in raw and cls.pattern.fullmatch(raw.replace("-", "_")):
             raise ValueError(f'"{raw}" is not a ROS name: ROS has no "-", write "_"')
         return super().parse(raw)
+
+
+class RemapName(RosName):
+    """One side of a remapping, as any generation of ROS reads it."""
+
+    pattern = re.compile(
+        r"([A-Za-z0-9_]+:)?(rostopic://|rosservice://)?(~/?|/)?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*/?"
+    )
 
 
 class RosUri(Text):

@@ -12,7 +12,7 @@ from rigel_k8s.app.parts import Parts
 from rigel_k8s.generation import GENERATIONS, Texts
 from rigel_k8s.objects.workloads import ReleaseContext
 
-from .shapes import find, options, release
+from .shapes import find, options, problems, release
 
 TWO = """
 image: robot:1
@@ -67,3 +67,63 @@ def test_components_are_looked_for_where_they_are_nodes_of_the_graph(
     context = ReleaseContext("robots", "robot", "jazzy", GENERATIONS[ros])
     own = Parts(options(text), context, Texts())
     assert set(own.watched_graph(own.plan(())).expected) == names
+
+
+#: A remapping, and the generations whose nodes and components can have it.
+REMAPPINGS = [
+    ('"~/input": /x', "2 1"),
+    ('"~input": /x', "1"),
+    ("input: ~/x", "2 1"),
+    ("input: ~x", "1"),
+    ('"rostopic://a": /x', "2"),
+    ('"other:topic": /x', "2"),
+    ("a__b: /x", "1"),
+    ("a: _x", "2"),
+]
+
+
+@pytest.mark.parametrize(("pair", "generations"), REMAPPINGS)
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_remappings_are_those_of_the_generation(ros: str, pair: str, generations: str) -> None:
+    """Of a node and of a component, at the place of the name."""
+    plugin = "{plugin: a/B, " if ros == "1" else "{package: a, plugin: 'a::B', "
+    component = f"components: {{c: {plugin} remappings: {{{pair}}}}}}}"
+    for node, path in (
+        (f"args: x, remappings: {{{pair}}}", ("nodes", "n", "remappings")),
+        (component, ("nodes", "n", "components", "c", "remappings")),
+    ):
+        text = f"{{image: a, ros: '{ros}', network: none, nodes: {{n: {{{node}}}}}}}"
+        found = [p.path[:-1] for p in problems(text) if p.kind == "bad-ros-name"]
+        assert found == ([] if ros in generations else [path])
+
+
+#: A value of a parameter, and the generations that have none such.
+VALUES = [
+    ("", "1 2"),
+    ("null", "1 2"),
+    ("{b: }", "1 2"),
+    ("[]", "2"),
+    ("[[1], [2]]", "2"),
+    ("[1, null]", "1 2"),
+    ("5000000000", "1"),
+    ("[1, 2.5]", ""),
+    ("{b: [a, c]}", ""),
+    ("'null'", ""),
+]
+
+
+@pytest.mark.parametrize(("value", "refused"), VALUES)
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_a_value_that_ros_does_not_have_is_refused(ros: str, value: str, refused: str) -> None:
+    """Of a node and of a component; ROS 1 would try for ever, ROS 2 end or read a text."""
+    plugin = "{plugin: a/B, " if ros == "1" else "{package: a, plugin: 'a::B', "
+    for node, path in (
+        (f"args: x, parameters: {{p: {value}}}", ("parameters", "p")),
+        (
+            f"components: {{c: {plugin} parameters: {{p: {value}}}}}}}",
+            ("components", "c", "parameters", "p"),
+        ),
+    ):
+        text = f"{{image: a, ros: '{ros}', network: none, nodes: {{n: {{{node}}}}}}}"
+        found = [p.path for p in problems(text) if p.kind == "bad-parameter"]
+        assert found == ([("nodes", "n", *path)] if ros in refused else [])

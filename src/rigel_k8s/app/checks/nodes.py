@@ -12,7 +12,7 @@ from rigel_k8s.app.checks.commands import (
     check_shell_words,
     check_substitution,
 )
-from rigel_k8s.app.components import check_components
+from rigel_k8s.app.components import check_components, check_key, check_names
 from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
@@ -25,7 +25,6 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, Volume
 from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
-from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
 
 #: Labels that identify objects.
@@ -73,10 +72,8 @@ def check_name(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem
     if not ros.nodes:
         return
     if node.name is None and not node.anonymous and not node.launch:
-        try:
-            RosName.parse(key)
-        except ValueError as error:
-            yield Problem((), f"{error}, or set a `name`", RosName.kind, at_key=True)
+        yield from check_key(key, ros)
+    yield from check_names(node, ros)
     if node.name is not None and node.anonymous:
         message = "the name of an anonymous node is generated at its start: remove one of the two"
         yield Problem(("name",), message, "conflict", at_key=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from rigel_k8s.app.components import check_values, dotted
+from rigel_k8s.app.components import dotted
 from rigel_k8s.app.generations import dds
 from rigel_k8s.app.generations.dds import check_masterless
 from rigel_k8s.app.layer import NOT_BUILT, drain_seconds, explain_left_out, hand_over_variables
@@ -47,6 +47,7 @@ from rigel_k8s.network.modes import ready_words
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import LOG_PATH, log_volume
+from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.problems import Problem
 from rigel_k8s.substitution_args import has_substitution
@@ -237,9 +238,8 @@ def explain_unreadable(node: NodeOptions, key: str) -> str | None:
 def check_parameters(options: ParameterOptions) -> Iterator[Problem]:
     """Yield lists and namespaces of parameters that ROS 2 does not have."""
     for key, name, value in flat_values(options.parameters):
-        if isinstance(value, list) and not is_list_of_one_type(value):
-            message = f'the list "{name.replace("/", ".")}" must have values of one type'
-            yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
+        if reason := explain_value(name.replace("/", "."), value):
+            yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
     for index, entry in enumerate(map(file_of, options.parameter_files)):
         if entry.namespace is not None:
             path = ("parameter_files", index, "namespace")
@@ -310,12 +310,21 @@ def check_component(component: Component) -> Iterator[Problem]:
     if component.package is None:
         message = f"the package of {component.plugin} is missing: add `package`"
         yield Problem((), message, "incomplete", at_key=True)
-    yield from check_values(component)
     for key, value in component.parameters.items():
         for name, inner in dotted({key: value}):
-            if isinstance(inner, list) and not (inner and is_list_of_one_type(inner)):
-                message = f'the list "{name}" must have values of one type, and at least one'
-                yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
+            if reason := explain_value(name, inner):
+                yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
+
+
+def explain_value(name: str, value: Any) -> str | None:
+    """Return why rcl has no type for a parameter's value, None if it has one."""
+    if value is None:
+        return f'the parameter "{name}" has no value'
+    if value == []:
+        return f'the list "{name}" is empty, so that ROS 2 has no type for it: leave it out'
+    if isinstance(value, list) and not is_list_of_one_type(value):
+        return f'the list "{name}" must have values of one type'
+    return None
 
 
 def read_graph(
@@ -330,6 +339,7 @@ def read_graph(
 ROS2 = Generation(
     name="2",
     title="ROS 2",
+    names=NAMES_2,
     rmw=True,
     lifecycle=True,
     clash="answer each other's services and parameters",

@@ -23,6 +23,7 @@ from rigel_k8s.generation import Companion, Generation, Object
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME
+from rigel_k8s.objects.rosnames import NAMES_1
 from rigel_k8s.objects.workloads import ReleaseContext
 
 if TYPE_CHECKING:
@@ -131,6 +132,7 @@ def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
 ROS1 = Generation(
     name="1",
     title="ROS 1",
+    names=NAMES_1,
     dds=False,
     prepares_home=True,
     clash="shut each other down",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameters, check_substitution
-from rigel_k8s.app.generations.ros1.commands import program, takes_arguments
+from rigel_k8s.app.generations.ros1.commands import check_values, program, takes_arguments
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, flat_values, list_global_keys
 from rigel_k8s.app.programs import explain_not_passed
@@ -54,7 +54,8 @@ def explain_unseen(options: OrchestrationOptions) -> str | None:
 
 
 def check_names(options: ParameterOptions) -> Iterator[Problem]:
-    """Yield names of parameters that are not ROS names."""
+    """Yield names of parameters that are not ROS names, and values that are none of XML-RPC."""
+    yield from check_values(options)
     for key, name, _ in flat_values(options.parameters):
         yield from check_name(("parameters", key), name)
     for key in map(str, options.parameter_commands):

@@ -12,9 +12,15 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.components import check_values
 from rigel_k8s.app.options import Component, NodeOptions
-from rigel_k8s.app.parameters import PARAMETERS_PATH, flat, list_local, tree
+from rigel_k8s.app.parameters import (
+    PARAMETERS_PATH,
+    ParameterOptions,
+    flat,
+    flat_values,
+    list_local,
+    tree,
+)
 from rigel_k8s.app.programs import (
     NO_ROS_ARGUMENTS,
     Command,
@@ -187,6 +193,29 @@ def check_nodelet(component: Component) -> Iterator[Problem]:
             message = f"a nodelet has no {name}: write its plugin as PACKAGE/CLASS"
             yield Problem((name,), message, "not-ros1", at_key=True)
     yield from check_values(component)
+
+
+def check_values(options: ParameterOptions | Component) -> Iterator[Problem]:
+    """Yield parameters that XML-RPC does not carry to the master; paths are their own."""
+    for key, name, value in flat_values(options.parameters):
+        if reason := explain_value(value):
+            message = f'the parameter "{name}" {reason}'
+            yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
+
+
+def explain_value(value: Any) -> str | None:
+    """Return why a value is none of XML-RPC, None if it is one."""
+    if value is None:
+        return "has no value"
+    if isinstance(value, list | tuple):
+        return next(filter(None, map(explain_value, value)), None)
+    if isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            return "has a key that is no text: write it in quotes"
+        return next(filter(None, map(explain_value, value.values())), None)
+    if isinstance(value, int) and not -(2**31) <= value < 2**31:
+        return f"is {value}, and ROS 1 has numbers of 32 bits: write {value}.0, or a text"
+    return None
 
 
 NODELETS = Loading(

@@ -19,7 +19,7 @@ from rigel_k8s.distros import DISTROS
 if TYPE_CHECKING:
     from rigel_k8s.app.files import Folder
     from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
-    from rigel_k8s.app.parameters import ParameterOptions
+    from rigel_k8s.app.parameters import Fault, ParameterOptions
     from rigel_k8s.app.programs import Command
     from rigel_k8s.app.updating import Way
     from rigel_k8s.discovery.members import Member
@@ -133,6 +133,8 @@ class Generation:
 
         check: what is wrong with the options of a job, beyond its nodes and its network.
         check_parameters: the same for parameters of a node or a job; paths are theirs.
+        check_parameter_file: what is wrong with the text of a parameter file, of the node of a key,
+            or None for one of the job.
         explain_unreadable: why a node does not read one of its options, None if it does.
         explain_unseen: why an exporter sees nothing of the graph, None if it sees it.
 
@@ -178,6 +180,9 @@ class Generation:
 
     check: Callable[[OrchestrationOptions], Iterator[Problem]]
     check_parameters: Callable[[ParameterOptions], Iterator[Problem]] = lambda options: iter(())
+    check_parameter_file: Callable[[str, str | None, ParameterOptions], Iterator[Fault]] = (
+        lambda text, key, options: iter(())
+    )
     explain_unreadable: Callable[[NodeOptions, str], str | None] = lambda node, key: None
     explain_unseen: Callable[[OrchestrationOptions], str | None]
 

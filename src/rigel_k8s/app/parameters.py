@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any, TypeAlias
 
+import attrs
+
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions, ParameterFile
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.substitution_args import has_substitution
@@ -14,6 +16,20 @@ from rigel_k8s.substitution_args import has_substitution
 PARAMETERS_PATH = "/rigel-k8s-parameters"
 #: What has parameters.
 ParameterOptions: TypeAlias = NodeOptions | OrchestrationOptions
+
+
+@attrs.frozen
+class Fault:
+    """What is wrong with a parameter file.
+
+    Attributes:
+        mark: the line and column; None: it is about the file as a whole.
+        ends: a node ends with such a file; else it is only a warning.
+    """
+
+    message: str
+    mark: tuple[int, int] | None = None
+    ends: bool = True
 
 
 def list_global_keys(options: ParameterOptions) -> list[str]:

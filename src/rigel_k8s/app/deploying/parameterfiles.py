@@ -9,11 +9,12 @@ from pathlib import Path
 import yaml
 
 from rigel_k8s.app.deploying.beside import Use, collect, explain, read_each
-from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of
 from rigel_k8s.errors import UserError
+from rigel_k8s.generation import Generation
 from rigel_k8s.problems import Path as OptionPath
-from rigel_k8s.problems import Problem
+from rigel_k8s.problems import Problem, Severity
 from rigel_k8s.rigelfile.parse import find_excess
 from rigel_k8s.system.local_files import read_text
 from rigel_k8s.yaml_text import Loader
@@ -51,10 +52,29 @@ def read_parameter_files(
 
 
 def check_parameter_files(
-    options: OrchestrationOptions, directory: Path, home: Path
+    options: OrchestrationOptions, ros: Generation, directory: Path, home: Path
 ) -> Iterator[Problem]:
-    """Yield what read_parameter_files would refuse, at each use; a path with a template waits."""
-    return explain(_read_each(options, directory, home), BEGINS, "bad-parameter-file")
+    """Yield what read_parameter_files or ROS would refuse, at each use.
+
+    A path with a template waits.
+    """
+    uses = list(_read_each(options, directory, home))
+    yield from explain(uses, BEGINS, "bad-parameter-file")
+    for path, name, text in uses:
+        if isinstance(text, str):
+            yield from _check_use(options, ros, path, name, text)
+
+
+def _check_use(
+    options: OrchestrationOptions, ros: Generation, path: OptionPath, name: str, text: str
+) -> Iterator[Problem]:
+    key = str(path[1]) if path[0] == "nodes" else None
+    node = options.nodes[key] if key else options
+    own = ros.of_node(node) if isinstance(node, NodeOptions) else ros
+    for fault in own.check_parameter_file(text, key, node):
+        where = ":".join(map(str, (name, *(fault.mark or ()))))
+        severity: Severity = "error" if fault.ends else "warning"
+        yield Problem(path, f"{where}: {fault.message}", "bad-parameter-file", severity=severity)
 
 
 def _read_each(options: OrchestrationOptions, directory: Path, home: Path) -> Iterator[Use[str]]:

@@ -6,7 +6,6 @@ quoting that shells and launch files undo.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -16,10 +15,17 @@ import yaml
 from rigel_k8s.app.components import dotted
 from rigel_k8s.app.generations import dds
 from rigel_k8s.app.generations.dds import check_masterless
+from rigel_k8s.app.generations.ros2files import (
+    ANY_NODE,
+    PARAMETERS,
+    check_file,
+    nest_parameters,
+)
 from rigel_k8s.app.layer import NOT_BUILT, drain_seconds, explain_left_out, hand_over_variables
 from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
+    Fault,
     ParameterOptions,
     file_of,
     flat_values,
@@ -51,7 +57,7 @@ from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.problems import Problem
 from rigel_k8s.substitution_args import has_substitution
-from rigel_k8s.yaml_text import Dumper, Loader
+from rigel_k8s.yaml_text import Dumper
 from rigel_rmw import libraries
 
 if TYPE_CHECKING:
@@ -61,9 +67,6 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.types import RosGraph
 
 FLAG, END = "--ros-args", "--"
-#: The parameters of all nodes of a process.
-ANY_NODE = "/**"
-PARAMETERS = "ros__parameters"
 #: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
 #: The node's own `parameters`, as rcl reads them.
@@ -187,25 +190,6 @@ def quote_texts(value: Any) -> Any:
     return [quote_texts(inner) for inner in value] if isinstance(value, list) else value
 
 
-def nest_parameters(text: str) -> str:
-    """Return a parameter file as rcl reads it; plain names and values apply to any node.
-
-    The text itself is kept: rcl reads 1e3 as a number, our YAML parser as text.
-    """
-    if has_key(yaml.load(text, Loader), PARAMETERS):
-        return text
-    lines = (line for line in text.splitlines() if line.strip() not in ("---", "..."))
-    body = textwrap.indent("\n".join(lines), "    ")
-    return f"{ANY_NODE}:\n  {PARAMETERS}:\n{body}\n"
-
-
-def has_key(value: Any, key: str) -> bool:
-    """Return whether a tree of mappings has a key anywhere."""
-    if not isinstance(value, Mapping):
-        return False
-    return key in value or any(has_key(item, key) for item in value.values())
-
-
 def variables(release: ReleaseContext, namespace: str | None, address: str) -> dict[str, Object]:
     """Return the variables of a container.
 
@@ -245,6 +229,15 @@ def check_parameters(options: ParameterOptions) -> Iterator[Problem]:
             path = ("parameter_files", index, "namespace")
             message = "ROS 2 has no namespaces of parameters: write the names in full in the file"
             yield Problem(path, message, "no-parameter-namespace", at_key=True)
+
+
+def check_parameter_file(text: str, key: str | None, node: ParameterOptions) -> Iterator[Fault]:
+    """Yield what is wrong with a parameter file of a node; a launch file may change it first."""
+    if key is None or not isinstance(node, NodeOptions) or node.launch:
+        return
+    name = None if node.anonymous else full_name(key, node)
+    parts = [one.full_name(part) for part, one in node.components.items()]
+    yield from check_file(text, name, parts)
 
 
 def find_own_obstacle(
@@ -365,6 +358,7 @@ ROS2 = Generation(
     refuse_hand_over=refuse_hand_over,
     check=lambda options: check_masterless(options, "ROS 2"),
     check_parameters=check_parameters,
+    check_parameter_file=check_parameter_file,
     explain_unreadable=explain_unreadable,
     explain_unseen=explain_unseen,
     read_graph=read_graph,

@@ -47,8 +47,9 @@ class OrchestrationJob:
         from rigel_k8s.app.deploying.localfiles import check_local_files
         from rigel_k8s.app.deploying.parameterfiles import check_parameter_files
 
+        ros = generation_of(application.distro, options.ros)
         return (
-            *check_parameter_files(options, application.dir, home),
+            *check_parameter_files(options, ros, application.dir, home),
             *check_local_files(options, application.dir, home),
         )
 

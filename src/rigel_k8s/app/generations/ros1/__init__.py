@@ -150,6 +150,7 @@ ROS1 = Generation(
     refuse_hand_over=refuse_hand_over,
     check=checks.check,
     check_parameters=checks.check_names,
+    check_parameter_file=commands.check_parameter_file,
     explain_unreadable=checks.explain_unreadable,
     explain_unseen=checks.explain_unseen,
     in_context=in_context,

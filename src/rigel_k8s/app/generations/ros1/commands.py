@@ -7,6 +7,7 @@ An image's ENTRYPOINT sets up ROS, so what runs is in `args` unless the user wro
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import date, datetime
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -15,6 +16,7 @@ import yaml
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
+    Fault,
     ParameterOptions,
     flat,
     flat_values,
@@ -37,6 +39,7 @@ from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
 from rigel_k8s.problems import Problem
+from rigel_k8s.yaml_text import Loader
 
 #: What loads nodelets if a node has components and no program.
 MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
@@ -203,8 +206,17 @@ def check_values(options: ParameterOptions | Component) -> Iterator[Problem]:
             yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
 
 
+def check_parameter_file(text: str, key: str | None, options: ParameterOptions) -> Iterator[Fault]:
+    """Yield the values of a file that rosparam could not load."""
+    for name, value in yaml.load(text, Loader).items():
+        if reason := explain_value(value):
+            yield Fault(f'the parameter "{name}" {reason}')
+
+
 def explain_value(value: Any) -> str | None:
     """Return why a value is none of XML-RPC, None if it is one."""
+    if isinstance(value, date) and not isinstance(value, datetime):
+        return f"is a date: write '{value}'"
     if value is None:
         return "has no value"
     if isinstance(value, list | tuple):

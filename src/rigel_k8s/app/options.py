@@ -34,6 +34,7 @@ from rigel_k8s.objects.podoptions import (
 )
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
+    DevicePath,
     DottedName,
     Duration,
     EnvName,
@@ -248,7 +249,7 @@ class NodeOptions:
         " relative to the application's directory",
         {},
     )
-    devices: list[MountPath | Device] = option("devices of the machine", [])
+    devices: list[DevicePath | Device] = option("devices of the machine", [])
     security_context: Mapping[str, Any] = option("Kubernetes' securityContext of the container", {})
     runtime_class: DottedName | None = option("runtimeClassName, for example nvidia")
     readiness: Readiness | Literal["ros", "dds", "none"] | None = option(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
 from rigel_k8s.objects.pods import Object, drop_empty
-from rigel_k8s.objects.scalars import MountPath, ObjectName
+from rigel_k8s.objects.scalars import DevicePath, ObjectName
 
 if TYPE_CHECKING:
     from rigel_k8s.app.options import NodeOptions
@@ -39,7 +39,7 @@ def find_mounts(options: NodeOptions, path: str) -> Iterator[int]:
             yield index
 
 
-def device_of(item: MountPath | Device) -> Device:
+def device_of(item: DevicePath | Device) -> Device:
     """Return a device, written as a path or in full."""
     return item if isinstance(item, Device) else Device(path=item)
 
@@ -77,7 +77,7 @@ def mounts(
             name = f"{prefix}device-{index}"
             path = str(device.path)
             volumes[name] = {"name": name, "hostPath": {"path": path, "type": device_type(path)}}
-            seen.append({"name": name, "mountPath": str(device.mount_path or path)})
+            seen.append({"name": name, "mountPath": str(device.mount_path or device.path.inside)})
     return list(volumes.values()), seen
 
 
@@ -108,7 +108,7 @@ def mount_entry(mount: VolumeMount, name: str, known: Mapping[str, Volume]) -> O
     )
 
 
-def device_resources(devices: Sequence[MountPath | Device]) -> dict[str, str]:
+def device_resources(devices: Sequence[DevicePath | Device]) -> dict[str, str]:
     """Return the limits that request devices from device plugins."""
     asked = map(device_of, devices)
     return {str(d.resource): str(int(d.count)) for d in asked if d.resource}

@@ -16,6 +16,7 @@ from rigel_k8s.objects.naming import HOSTNAME
 from rigel_k8s.objects.scalars import (
     Count,
     Delay,
+    DevicePath,
     DottedName,
     Duration,
     EnvName,
@@ -162,8 +163,12 @@ class VolumeMount:
 class Device:
     """A device of the machine: a path, or a resource of a device plugin (squat.ai/serial)."""
 
-    path: MountPath | None = option("a device file; opening it needs a privileged security_context")
-    mount_path: MountPath | None = option("where the container sees it (default: the same path)")
+    path: DevicePath | None = option(
+        "a device file; opening it needs a privileged security_context"
+    )
+    mount_path: MountPath | None = option(
+        "where the container sees it (default: the same path, with _ for each colon)"
+    )
     resource: LabelKey | None = option("the resource name of a device plugin")
     count: Count = option("how many of the resource", Count(1))
 

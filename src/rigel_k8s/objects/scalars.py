@@ -189,6 +189,28 @@ class MountPath(Text):
     pattern = re.compile(r"/[^:\0]*")
 
 
+class DevicePath(Text):
+    """A path of a machine's device; those by-path have colons, which no path in a pod may have."""
+
+    kind = "bad-path"
+    expects = "an absolute path such as /dev/ttyUSB0"
+    pattern = re.compile(r"/[^\0]*")
+
+    @classmethod
+    def parse(cls, raw: str) -> DevicePath:
+        """Return the path; what docker compose writes has its own message."""
+        if found := re.fullmatch(r"(/[^:]*):(/[^:]*)(:[rwm]+)?", raw):
+            path, inside = found[1], found[2]
+            other = path if path == inside else f"{{path: {path}, mount_path: {inside}}}"
+            raise ValueError(f'"{raw}" is not {cls.expects}: write {other}')
+        return super().parse(raw)
+
+    @property
+    def inside(self) -> str:
+        """The path in a container."""
+        return self.replace(":", "_")
+
+
 class RosName(Text):
     """A ROS graph resource name of any generation; each has rules of its own (rosnames.py)."""
 

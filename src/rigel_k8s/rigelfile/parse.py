@@ -19,7 +19,8 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CONSTRUCT = yaml.constructor.SafeConstructor()
 _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
-_COLLECTION_TAGS = frozenset({f"{_TAG}map", f"{_TAG}seq"})
+#: Rigelfiles of Rigel 0.3 have tuples, for options that are lists here.
+_COLLECTION_TAGS = frozenset({f"{_TAG}map", f"{_TAG}seq", f"{_TAG}python/tuple"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
 TOO_MANY = f"the file has more than {MOST_VALUES} values, including those from aliases"

@@ -78,3 +78,17 @@ def test_a_directory_of_the_machine_may_be_made() -> None:
     """A volume's `host_path` has no type."""
     found = host_path("volumes: [{host_path: /dev/a, mount_path: /a}]")
     assert found == {"path": "/dev/a"}
+
+
+def test_a_path_with_colons_is_another_one_in_the_container() -> None:
+    """Kubernetes refuses a colon in mountPath only."""
+    path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
+    for device, inside in (
+        (path, path.replace(":", "_")),
+        (f"{{path: '{path}', mount_path: /dev/lidar}}", "/dev/lidar"),
+    ):
+        made = release(f"{{image: a, nodes: {{n: {{args: x, devices: [{device}]}}}}}}")
+        [node] = [one for one in made.objects if one["metadata"]["name"] == "n"]
+        pod = node["spec"]["template"]["spec"]
+        assert {"path": path, "type": "CharDevice"} in [v.get("hostPath") for v in pod["volumes"]]
+        assert inside in [m["mountPath"] for m in pod["containers"][0]["volumeMounts"]]

@@ -101,3 +101,9 @@ def test_deep_nesting_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "Rigelfile").write_text(text)
     with pytest.raises(ProblemsError, match="1 problem"):
         load(tmp_path / "Rigelfile", {})
+
+
+def test_tuples_are_lists(loaded: Loader) -> None:
+    """Rigel 0.3 loads them, and the volumes of its ComposePlugin are written with them."""
+    text = "jobs: {a: {plugin: p.A, with: {v: [!!python/tuple [/a, /b], !!python/tuple []]}}}\n"
+    assert strip_places(loaded(text).jobs["a"].options) == {"v": [["/a", "/b"], []]}

@@ -136,7 +136,8 @@ def check_fleet(
     if shared and network.domain_id is None and has_template(str(options.namespace or "")):
         message = (
             f"with {mode.name} all robots of a fleet are in DDS domain 0, and robots on one wire"
-            " receive each other's messages: give each its own `domain_id`, from the matrix too"
+            " receive each other's messages: give each its own, as in `domain_id:"
+            ' "{{ vars.domains[data.robot] }}"`'
         )
         yield Problem(mode_path(network), message, "one-domain", severity="warning")
 

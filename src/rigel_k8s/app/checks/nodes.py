@@ -285,7 +285,14 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
         path = ("devices", index)
         if (device.path is None) == (device.resource is None):
             yield Problem(path, "set either path or resource", "bad-device")
-        elif device.path and not restricted and not node.security_context.get("privileged"):
+        elif device.path and ":" in device.path and not device.mount_path:
+            message = (
+                f"a path in a container has no colon, so there it is {device.path.inside}: set"
+                " `mount_path` for another one"
+            )
+            yield Problem(path, message, "device-path", severity="warning")
+        is_file = device.path and not device.resource
+        if is_file and not restricted and not node.security_context.get("privileged"):
             message = (
                 f"the container sees {device.path} but may not open it: add security_context:"
                 " {privileged: true}, or use a device plugin and `resource: squat.ai/NAME`"

@@ -15,6 +15,8 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
+#: What Rigel, and docker, mean by an empty server.
+DOCKER_HUB = "docker.io"
 _SERVER = re.compile(r"(https?://)?[A-Za-z0-9.\[\]:-]+(:\d+)?(/.*)?")
 
 
@@ -23,7 +25,8 @@ class ContainerRegistryOptions:
     """The options of a registry provider, those of Rigel's and `insecure`.
 
     Attributes:
-        server: the registry, the beginning of image names (`ghcr.io`, `host:5000`, `docker.io`).
+        server: the registry, the beginning of image names (`ghcr.io`, `host:5000`, `docker.io`);
+            empty for docker.io.
         username: the user that pushes and pulls.
         password: a password or an access token.
         insecure: it speaks plain HTTP, or its certificate cannot be verified.
@@ -49,7 +52,11 @@ class ContainerRegistry:
     ) -> Sequence[Problem]:
         """Return what is not a valid registry or user."""
         problems = []
-        if not has_template(options.server) and not _SERVER.fullmatch(options.server):
+        if (
+            options.server
+            and not has_template(options.server)
+            and not _SERVER.fullmatch(options.server)
+        ):
             message = f'"{options.server}" is not a registry: write HOST or HOST:PORT'
             problems.append(Problem(("server",), message, "bad-registry"))
         for key in ("username", "password"):
@@ -62,13 +69,14 @@ class ContainerRegistry:
         self, options: ContainerRegistryOptions, name: str, report: JobReporter
     ) -> RegistryCredentials:
         """Try the credentials against the registry; RigelK8sError if it refuses them."""
+        server = options.server or DOCKER_HUB
         credentials = RegistryCredentials(
-            options.server, options.username, options.password, insecure=options.insecure
+            server, options.username, options.password, insecure=options.insecure
         )
         if log_in(credentials):
-            report.line(f"logged in to {options.server} as {options.username}")
+            report.line(f"logged in to {server} as {options.username}")
         else:
-            report.line(f"{options.server} needs no credentials")
+            report.line(f"{server} needs no credentials")
         return credentials
 
     def disconnect(self, connection: RegistryCredentials) -> None:

@@ -33,6 +33,8 @@ _MARK_LINE = f"{MARK} Edit that, or remove this line to keep the file as your ow
 _IGNORE_FILE = ".dockerignore"
 _USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 _PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]*(:[a-z0-9]+)?([=/][A-Za-z0-9.+~:*-]+)?")
+#: What apt-get takes as a pattern of names; in Rigel 0.3 it is quoted for the shell.
+_PATTERN = re.compile(r"""(['"]?)\^?[a-z0-9(\[][A-Za-z0-9+.*?^$|()\[\]-]*\1""")
 _VARIABLE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LEFT_OUT = frozenset({"build", "devel", "install", "log", "logs"})
 _UNBUILT = frozenset({"CATKIN_IGNORE", "COLCON_IGNORE", "AMENT_IGNORE"})
@@ -71,7 +73,7 @@ class DockerfileOptions:
     Attributes:
         compiler: what builds the workspace, and with which CMake variables.
         command: the image's default command: text or a list of words.
-        apt: Debian packages to install.
+        apt: Debian packages to install; also patterns, such as `libfoo*` and `^libfoo.*-dev$`.
         entrypoint: lines of shell to run in the container before its command.
         env: environment variables of the image.
         rosinstall: .rosinstall or .repos files whose repositories are built with the application.
@@ -152,7 +154,7 @@ def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
         compiler=_compiler(options, application),
         cmake_args={name: text_of(value) for name, value in options.compiler.cmake_args.items()},
         rosdep=options.rosdep,
-        apt=tuple(options.apt),
+        apt=tuple(package.strip("'\"") for package in options.apt),
         env=tuple((variable.name, text_of(variable.value)) for variable in options.env),
         docker_run=tuple(options.docker_run),
         entrypoint=tuple(options.entrypoint),
@@ -215,7 +217,7 @@ def _check_words(options: DockerfileOptions) -> Iterator[Problem]:
         )
         yield Problem(("username",), message, "bad-name")
     for number, package in enumerate(options.apt):
-        if not _fits(_PACKAGE, package):
+        if not _fits(_PACKAGE, package) and not _PATTERN.fullmatch(package):
             message = (
                 f'invalid Debian package "{package}": write one NAME or NAME=VERSION per entry'
             )

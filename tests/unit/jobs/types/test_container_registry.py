@@ -13,7 +13,7 @@ GOOD = {"server": "ghcr.io", "username": "me", "password": "se:cret"}
 
 
 @pytest.mark.parametrize(
-    "server", ["ghcr.io", "host:5000", "https://index.docker.io/v1/", "[::1]:5"]
+    "server", ["", "ghcr.io", "host:5000", "https://index.docker.io/v1/", "[::1]:5"]
 )
 def test_servers_pass(server: str) -> None:
     """What docker login takes is taken."""
@@ -25,7 +25,6 @@ def test_servers_pass(server: str) -> None:
     ("changes", "key", "message"),
     [
         ({"server": "my registry"}, "server", "is not a registry"),
-        ({"server": ""}, "server", "is not a registry"),
         ({"username": ""}, "username", "empty username"),
         ({"password": ""}, "password", "empty password"),
     ],

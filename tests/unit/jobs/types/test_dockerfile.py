@@ -146,6 +146,7 @@ def test_a_missing_directory_is_told(tmp_path: Path) -> None:
         ({"ros_image": "ros:noetic:x"}, ("ros_image",), "invalid image reference"),
         ({"username": "Robot One"}, ("username",), "invalid user name"),
         ({"apt": ["good", "a b"]}, ("apt", 1), 'invalid Debian package "a b"'),
+        ({"apt": ["'x*; reboot'"]}, ("apt", 0), "invalid Debian package"),
         ({"apt": ["x; reboot"]}, ("apt", 0), "invalid Debian package"),
         ({"env": [DockerfileVariable("A-B")]}, ("env", 0, "name"), '"A-B" is not a name'),
         ({"env": [DockerfileVariable("A", "x\ny")]}, ("env", 0, "value"), "several lines"),
@@ -173,7 +174,10 @@ def test_all_of_rigels_options_pass() -> None:
     options = DockerfileOptions(
         compiler=Compiler("catkin_make", {"-DCMAKE_BUILD_TYPE": "Release"}),
         command="roslaunch a b.launch",
-        apt=["ros-noetic-tf", "curl=7.*", "libc6:amd64", "x/stable"],
+        apt=[
+            *("ros-noetic-tf", "curl=7.*", "libc6:amd64", "x/stable"),
+            *("libfoo*", "'^libbar.*-dev'", '"libb?z[12]"'),
+        ],
         entrypoint=["export A=1"],
         env=[DockerfileVariable("A", "b")],
         rosinstall=["a.rosinstall"],

@@ -12,6 +12,7 @@ from rigel_k8s.app.checks.commands import (
     check_shell_words,
     check_substitution,
 )
+from rigel_k8s.app.checks.kubernetes import check_kubernetes
 from rigel_k8s.app.components import check_components, check_key, check_names
 from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
@@ -30,7 +31,16 @@ from rigel_k8s.problems import Problem
 #: Labels that identify objects.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
 #: Directories and files that each machine has of its own, so that no data are expected there.
-EVERYWHERE = ("/dev", "/etc/localtime", "/proc", "/run", "/sys", "/tmp", "/var/run")
+EVERYWHERE = (
+    "/dev",
+    "/etc/localtime",
+    "/etc/machine-id",
+    "/proc",
+    "/run",
+    "/sys",
+    "/tmp",
+    "/var/run",
+)
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
 #: Subcommands of `ros2` that start a user's own nodes.
@@ -61,6 +71,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     yield from check_volumes(node, set(volumes))
     yield from check_files(node)
+    yield from check_kubernetes(node, options, ros)
     yield from check_anonymous(key, node, ros, volumes, options.network)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)

@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from rigel_k8s.objects.raw import mapping, pod_of
+from rigel_k8s.option_text import text_of
 from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile import find_nearest
 
 #: What a Deployment needs; null would remove it.
 NEEDED = frozenset({"metadata", "spec", "template", "containers"})
@@ -19,6 +22,31 @@ MAPPINGS = frozenset(
     | {"nodeSelector", "affinity", "securityContext", "resources", "lifecycle"}
     | {"startupProbe", "readinessProbe", "livenessProbe"}
 )
+#: What a patch may repeat.
+TOP = {"apiVersion": "apps/v1", "kind": "Deployment"}
+#: The fields of Kubernetes 1.33: of a Deployment's spec, of a pod's, and of a container.
+FIELDS = {
+    "DEPLOYMENT": """
+        minReadySeconds paused progressDeadlineSeconds replicas revisionHistoryLimit selector
+        strategy template
+        """,
+    "POD": """
+        activeDeadlineSeconds affinity automountServiceAccountToken containers dnsConfig dnsPolicy
+        enableServiceLinks ephemeralContainers hostAliases hostIPC hostNetwork hostPID hostUsers
+        hostname hostnameOverride imagePullSecrets initContainers nodeName nodeSelector os overhead
+        preemptionPolicy priority priorityClassName readinessGates resourceClaims resources
+        restartPolicy runtimeClassName schedulerName schedulingGates securityContext
+        serviceAccount serviceAccountName setHostnameAsFQDN shareProcessNamespace subdomain
+        terminationGracePeriodSeconds tolerations topologySpreadConstraints volumes
+        """,
+    "CONTAINER": """
+        args command env envFrom image imagePullPolicy lifecycle livenessProbe name ports
+        readinessProbe resizePolicy resources restartPolicy restartPolicyRules securityContext
+        startupProbe stdin stdinOnce terminationMessagePath terminationMessagePolicy tty
+        volumeDevices volumeMounts workingDir
+        """,
+}
+DEPLOYMENT, POD, CONTAINER = (frozenset(text.split()) for text in FIELDS.values())
 #: Lists of mappings.
 LISTS = frozenset(
     {"containers", "initContainers", "volumes", "tolerations", "imagePullSecrets", "hostAliases"}
@@ -33,7 +61,49 @@ def check_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
         if isinstance(above, Mapping) and above.get(field[1]) is not None:
             message = f"{'.'.join(field)} identifies the release and cannot change"
             yield Problem((*path, *field), message, "fixed-field", at_key=True)
+    for key, value in TOP.items():
+        if tree.get(key) not in (None, value):
+            message = f"{key} of a Deployment is {value}: remove it"
+            yield Problem((*path, key), message, "fixed-field", at_key=True)
+    yield from check_fields(path, tree)
+    yield from check_texts(path, tree)
     yield from check_shape(path, (), tree)
+
+
+def check_fields(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield fields that are probably misspelt: Kubernetes has none such, but a similar one."""
+    pod = ("spec", "template", "spec")
+    found: list[tuple[Path, Any, frozenset[str]]] = [
+        ((), tree, frozenset({*TOP, "metadata", "spec"})),
+        (("spec",), tree.get("spec"), DEPLOYMENT),
+        (pod, pod_of(tree), POD),
+    ]
+    for key in ("containers", "initContainers"):
+        listed = pod_of(tree).get(key)
+        for index, one in enumerate(listed if isinstance(listed, list) else ()):
+            found.append(((*pod, key, index), one, CONTAINER))
+    for place, fields, known in found:
+        for key in map(str, fields if isinstance(fields, Mapping) else ()):
+            if key not in known and key in POD and len(place) < len(pod):
+                message = f"{key} is a field of the pod: write it below {show(pod)}"
+                yield Problem((*path, *place, key), message, "unknown-key", at_key=True)
+            elif key not in known and (near := find_nearest(key, known)):
+                message = f'unknown field "{key}", did you mean "{near}"?'
+                yield Problem((*path, *place, key), message, "unknown-key", at_key=True)
+
+
+def check_texts(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield labels and annotations that are no texts."""
+    template = mapping(mapping(tree.get("spec")).get("template"))
+    for place, metadata in (
+        (("metadata",), tree.get("metadata")),
+        (("spec", "template", "metadata"), template.get("metadata")),
+    ):
+        for key in ("labels", "annotations"):
+            for name, value in mapping(mapping(metadata).get(key)).items():
+                if isinstance(value, bool | int | float):
+                    message = f'{key} are texts: write "{text_of(value)}" in quotes'
+                    yield Problem((*path, *place, key, str(name)), message, "wrong-type")
 
 
 def check_shape(path: Path, field: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:

@@ -1,0 +1,167 @@
+"""What only Kubernetes would refuse of a node: mounts, ports, resources, rights; paths are its own.
+
+Kubernetes would name a field of a Deployment that the user has not written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
+from typing import Any
+
+from rigel_k8s.app.layer import NOTES_PATH
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH
+from rigel_k8s.app.volumes import device_of, mount_of, mount_path
+from rigel_k8s.generation import Generation
+from rigel_k8s.network.dds import FILES_PATH
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.options import INTERFACE, Network
+from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
+from rigel_k8s.objects.podoptions import PortOptions, Volume
+from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH
+from rigel_k8s.objects.raw import mapping
+from rigel_k8s.option_text import has_template
+from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile import find_nearest
+
+#: What Kubernetes has without a domain in its name.
+RESOURCES = ("cpu", "memory", "ephemeral-storage")
+#: The fields of a container's securityContext, by their types.
+BOOLEANS = (*("privileged", "allowPrivilegeEscalation", "readOnlyRootFilesystem", "runAsNonRoot"),)
+NUMBERS = ("runAsUser", "runAsGroup")
+CONTEXT = (
+    *(*BOOLEANS, *NUMBERS, "capabilities", "procMount", "seLinuxOptions", "seccompProfile"),
+    *("appArmorProfile", "windowsOptions"),
+)
+
+
+def check_kubernetes(
+    node: NodeOptions, options: OrchestrationOptions, ros: Generation
+) -> Iterator[Problem]:
+    """Yield what Kubernetes would refuse, or what would not start."""
+    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
+    ours = dict.fromkeys((SCRIPTS_PATH, LOG_PATH, PARAMETERS_PATH, FILES_PATH, NOTES_PATH))
+    if ros.dds and has_own_machine_id(options.network, options.middleware):
+        ours["/etc/machine-id"] = None
+    yield from check_mounts(node, volumes, set(ours))
+    yield from check_ports(node)
+    yield from check_resource_names(node)
+    yield from check_context(node.security_context)
+    yield from check_attachments(node, options.network)
+
+
+def check_attachments(node: NodeOptions, network: Network | None) -> Iterator[Problem]:
+    """Yield a patch that takes the pod's second interface away."""
+    above = ("spec", "template", "metadata", "annotations")
+    found: Any = node.patch
+    for key in above:
+        found = mapping(found).get(key)
+    asked = mapping(found).get(NETWORKS_ANNOTATION)
+    if mode_of(network).attached and asked is not None and INTERFACE not in str(asked):
+        message = f"it replaces the release's own attachment, so the pod has no {INTERFACE}"
+        yield Problem(("patch", *above, NETWORKS_ANNOTATION), message, "conflict", at_key=True)
+
+
+def has_own_machine_id(network: Network | None, middleware: str | None) -> bool:
+    """Return whether the network gives each pod an /etc/machine-id; see network/files.py."""
+    if network is None or middleware not in (None, "fastdds"):
+        return False
+    mode = mode_of(network)
+    return mode.attached or (mode.in_machine_network and network.interface is not None)
+
+
+def check_mounts(
+    node: NodeOptions, volumes: Mapping[str, Volume], ours: set[str]
+) -> Iterator[Problem]:
+    """Yield paths with two mounts, and paths inside of a volume that lead out of it.
+
+    Args:
+        volumes: the release's persistent volumes, by name.
+        ours: the paths that rigel mounts.
+    """
+    taken: dict[str, str] = dict.fromkeys(ours, "rigel itself")
+    for index, mount in enumerate(map(mount_of, node.volumes)):
+        path: Path = ("volumes", index)
+        volume = volumes.get(str(mount.name))
+        at = str(mount.mount_path or (mount_path(volume) if volume else ""))
+        yield from claim_path(at, path, taken)
+        inner = PurePosixPath(mount.sub_path or "")
+        if inner.is_absolute() or ".." in inner.parts:
+            message = f'"{mount.sub_path}" leads out of the volume: write a path inside of it'
+            yield Problem((*path, "sub_path"), message, "bad-path")
+    for index, device in enumerate(map(device_of, node.devices)):
+        if device.path and not device.resource:
+            at = str(device.mount_path or device.path.inside)
+            yield from claim_path(at, ("devices", index), taken)
+
+
+def claim_path(at: str, path: Path, taken: dict[str, str]) -> Iterator[Problem]:
+    """Yield that a path has another mount; else it is taken from now on."""
+    at = at.rstrip("/") or at
+    if not at or has_template(at):
+        return
+    if owner := taken.get(at):
+        message = f"{at} already has a mount, of {owner}: choose another path, or remove one"
+        yield Problem(path, message, "conflict")
+    taken.setdefault(at, ".".join(map(str, path)))
+
+
+def check_ports(node: NodeOptions) -> Iterator[Problem]:
+    """Yield ports and names that a Service would have twice."""
+    numbers: set[tuple[int, str]] = set()
+    names: set[str] = set()
+    for index, item in enumerate(node.ports):
+        port = item if isinstance(item, PortOptions) else PortOptions(port=item)
+        number = (int(port.service_port or port.port), port.protocol)
+        name = str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
+        if number in numbers:
+            message = f"the port {number[0]} ({number[1]}) is there twice: remove one, or set"
+            yield Problem(("ports", index), f"{message} `service_port`", "conflict")
+        elif name in names:
+            message = f'another port has the name "{name}": choose another `name`'
+            yield Problem(("ports", index), message, "conflict")
+        numbers.add(number)
+        names.add(name)
+
+
+def check_resource_names(node: NodeOptions) -> Iterator[Problem]:
+    """Yield resources that do not exist: others than Kubernetes' own have a domain."""
+    for key in ("requests", "limits"):
+        for name in map(str, getattr(node.resources, key)):
+            if "/" in name or name in RESOURCES or name.startswith("hugepages-"):
+                continue
+            known = (*RESOURCES, "nvidia.com/gpu")
+            near = known[-1] if name.lower() == "gpu" else find_nearest(name, known)
+            hint = (
+                f', did you mean "{near}"?' if near else ": it has a domain, as in squat.ai/serial"
+            )
+            message = f'"{name}" is not a resource of Kubernetes{hint}'
+            yield Problem(("resources", key, name), message, "bad-resource", at_key=True)
+
+
+def check_context(context: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield fields of a securityContext that do not exist or have another type."""
+    above: Path = ("security_context",)
+    for key, value in context.items():
+        path = (*above, str(key))
+        if key not in CONTEXT:
+            if near := find_nearest(str(key), CONTEXT):
+                message = f'unknown field "{key}" of a securityContext, did you mean "{near}"?'
+                yield Problem(path, message, "unknown-key", at_key=True)
+        elif value is None or has_template(str(value)):
+            continue
+        elif key in BOOLEANS and not isinstance(value, bool):
+            message = f"{key} must be true or false, without quotes"
+            yield Problem(path, message, "wrong-type")
+        elif key in NUMBERS and (isinstance(value, bool) or not isinstance(value, int)):
+            message = f"{key} must be a number: `id -u NAME` in the image prints it"
+            yield Problem(path, message, "wrong-type")
+    capabilities = context.get("capabilities")
+    for key in ("add", "drop"):
+        listed = capabilities.get(key) if isinstance(capabilities, Mapping) else None
+        for index, name in enumerate(listed if isinstance(listed, list) else ()):
+            if str(name).upper().startswith("CAP_"):
+                message = f"Kubernetes' names have no CAP_: write {str(name)[4:].upper()}"
+                place = (*above, "capabilities", key, index)
+                yield Problem(place, message, "bad-name")

@@ -26,6 +26,8 @@ class Problem:
         at_key: the place to show is the key itself, not its value.
         remedy: what to do next, where the message does not say it.
         subjects: the names of the pods, nodes or topics that it is about.
+        because: other options that it follows from, from the root of what was checked; what is
+            wrong with one of them may be the cause.
     """
 
     path: Path
@@ -35,6 +37,7 @@ class Problem:
     at_key: bool = False
     remedy: str = ""
     subjects: tuple[str, ...] = ()
+    because: tuple[Path, ...] = ()
 
     def __str__(self) -> str:
         return f"{'.'.join(map(str, self.path))}: {self.text}" if self.path else self.text
@@ -61,4 +64,4 @@ class Problem:
 
     def to_json(self) -> dict[str, Any]:
         """Return the problem for scripts: the same form in the output of every command."""
-        return attrs.asdict(self, filter=attrs.filters.exclude("at_key"))
+        return attrs.asdict(self, filter=attrs.filters.exclude("at_key", "because"))

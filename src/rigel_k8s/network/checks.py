@@ -33,6 +33,10 @@ SMALLEST = 4
 def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield what is wrong, with paths from the root of the job's options."""
     mode = mode_of(network)
+    if meant := guess_mode(network):
+        message = f"only `mode: {meant}` reads {join_words(own_keys(network))}: add it"
+        yield Problem(("network",), message, "incomplete", at_key=True)
+        return
     yield from check_keys(network)
     yield from check_domain(network, use.ros)
     if not use.ros.dds and not mode.with_master:
@@ -69,6 +73,21 @@ def check_keys(network: Network) -> Iterator[Problem]:
             yield Problem(("network", key), message, "foreign-key", at_key=True)
         elif key in OF_RANGES and (reason := explain_unused(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
+
+
+def own_keys(network: Network) -> list[str]:
+    """Return the options that are set and that only some modes read."""
+    return [f"`{key}`" for key in index_readers() if getattr(network, key)]
+
+
+def guess_mode(network: Network) -> str | None:
+    """Return the mode that was forgotten: one mode alone reads all that is set, macvlan nothing."""
+    given = {key: modes for key, modes in index_readers().items() if getattr(network, key)}
+    common = set(MODES).intersection(*map(set, given.values())) if given else set()
+    default = attrs.fields(Network).mode.default
+    if network.mode != default or len(common) != 1 or default in common:
+        return None
+    return common.pop()
 
 
 def explain_unused(network: Network) -> str | None:

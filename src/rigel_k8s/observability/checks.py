@@ -28,6 +28,7 @@ def check(options: Observability) -> Iterator[Problem]:
     yield from check_spans(options)
     yield from check_collector(options)
     yield from check_existing(options)
+    yield from check_address(options)
     for name, part in attrs.asdict(options, recurse=False).items():
         if isinstance(part, Program):
             yield from (one.under((name,)) for one in check_resources(part.resources))
@@ -82,6 +83,14 @@ def check_collector(options: Observability) -> Iterator[Problem]:
             " one, or `collector: promtail`, which needs none"
         )
         yield Problem(("existing", "loki"), message, "otlp-labels", severity="warning", at_key=True)
+
+
+def check_address(options: Observability) -> Iterator[Problem]:
+    """Yield the URL of Loki's push in place of its own: rigel would add the path once more."""
+    loki = options.existing and options.existing.loki
+    if loki and (base := loki.url.partition("/loki/api/")[0]) != loki.url:
+        message = f"it is Loki's own URL, without the path of a request: write {base}"
+        yield Problem(("existing", "loki", "url"), message, "bad-url")
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:

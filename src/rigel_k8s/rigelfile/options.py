@@ -46,7 +46,8 @@ class Preview:
 
     def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the draft as findings, without those that a doubt may explain."""
-        sure = (problem for problem in problems if not self.doubts.may_explain(problem.path))
+        explains = self.doubts.may_explain
+        sure = (one for one in problems if not any(map(explains, (one.path, *one.because))))
         shown = itertools.islice(sure, 2 * MOST_PROBLEMS)
         return tuple(place(self.node, problem) for problem in shown)
 

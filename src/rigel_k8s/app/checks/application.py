@@ -6,6 +6,7 @@ options that its last revision may have are not required.
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from datetime import date
@@ -48,6 +49,8 @@ from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path, Problem, Severity
 from rigel_rmw import libraries
 
+#: The volumes that rigel adds to pods.
+OWN_VOLUMES = re.compile(r"rigel-.*|(n\d+-)?((volume|device|files)-\d+|rigel-parameters)")
 SIDECARS = (
     "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
     " and peers, is probed, counted in the graph and stopped cleanly; make the other one a node of"
@@ -172,6 +175,9 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
     names: set[str] = set()
     for index, volume in enumerate(options.persistent_storage.volumes):
         path = ("persistent_storage", "volumes", index, "name")
+        if OWN_VOLUMES.fullmatch(volume.name):
+            message = f'rigel itself has a volume "{volume.name}" in each pod: choose another name'
+            yield Problem(path, message, "name-taken")
         if volume.name in names:
             yield Problem(path, f'the volume "{volume.name}" already exists', "name-taken")
         names.add(volume.name)

@@ -121,7 +121,10 @@ def check_missing(options: OrchestrationOptions, ros: Generation, pods: int) -> 
         yield Problem(("middleware",), message, "wrong-mode")
     elif ros.dds and pods > 1:
         path = ("nodes",) if options.nodes else ()
-        yield Problem(path, MISSING, "network-missing", severity="warning", at_key=True)
+        why: tuple[Path, ...] = (("network",),)
+        yield Problem(
+            path, MISSING, "network-missing", severity="warning", at_key=True, because=why
+        )
 
 
 def check_fleet(

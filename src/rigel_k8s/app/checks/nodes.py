@@ -13,6 +13,7 @@ from rigel_k8s.app.checks.commands import (
     check_substitution,
 )
 from rigel_k8s.app.checks.kubernetes import check_kubernetes
+from rigel_k8s.app.checks.programs import check_program
 from rigel_k8s.app.components import check_components, check_key, check_names
 from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
@@ -54,13 +55,14 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     node = options.nodes[key]
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
-        yield Problem((), message, "missing-image", at_key=True)
+        yield Problem((), message, "missing-image", at_key=True, because=(("image",),))
     yield from check_test(node)
     yield from check_readiness(node, ros)
     ros = ros.of_node(node)
     yield from check_name(key, node, ros)
     problems = list(check_command(node)) if ros.nodes else list(check_plain(node))
     yield from problems or check_appended(node, ros)
+    yield from check_program(node, ros)
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)
     yield from check_measured(choose_layer(node, options), ros)

@@ -55,6 +55,7 @@ from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import LOG_PATH, log_volume
 from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper
@@ -303,6 +304,9 @@ def check_component(component: Component) -> Iterator[Problem]:
     if component.package is None:
         message = f"the package of {component.plugin} is missing: add `package`"
         yield Problem((), message, "incomplete", at_key=True)
+    if "/" in component.plugin and not has_template(component.plugin):
+        message = f"in ROS 2 a class is written {component.plugin.replace('/', '::')}"
+        yield Problem(("plugin",), message, "bad-plugin")
     for key, value in component.parameters.items():
         for name, inner in dotted({key: value}):
             if reason := explain_value(name, inner):

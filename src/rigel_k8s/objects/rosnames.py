@@ -19,6 +19,9 @@ WORD = r"_?[A-Za-z](?:_?[A-Za-z0-9])*_?"
 PATH = rf"{WORD}(?:/{WORD})*"
 
 
+OWN_NAME = (re.compile("__(node|name|ns)"), "set `name` or `namespace` of the node")
+
+
 @attrs.frozen
 class Form:
     """The form of a name."""
@@ -53,7 +56,7 @@ class Names:
         if form.pattern.fullmatch(text):
             return None
         for pattern, hint in self.hints:
-            if pattern.search(text):
+            if pattern.search(text) and (form != self.node or "~" not in text):
                 return f'"{text}" is not a name of {self.title}: {hint}'
         return f'"{text}" is not {form.expects}'
 
@@ -69,6 +72,7 @@ NAMES_2 = Names(
     ),
     target=Form(re.compile(rf"(?:~/|/)?{PATH}"), "a name of ROS 2: NAME, /NAME or ~/NAME"),
     hints=(
+        OWN_NAME,
         (re.compile(r"~(?!/)\w"), "a private name is written ~/NAME"),
         (re.compile(r"__"), 'ROS refuses "__" in it'),
     ),
@@ -88,5 +92,5 @@ NAMES_1 = Names(
         re.compile(r"(?:[~/]|~/|(?=[A-Za-z]))\w+(?:/\w+)*/?", re.ASCII),
         "a name of ROS 1: NAME, /NAME or ~NAME",
     ),
-    hints=((re.compile(":"), "only ROS 2 has NODE:NAME and rostopic://"),),
+    hints=(OWN_NAME, (re.compile(":"), "only ROS 2 has NODE:NAME and rostopic://")),
 )

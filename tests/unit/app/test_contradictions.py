@@ -45,6 +45,7 @@ ROS2 = [
     (PEERS, "args: [bash, -c, ROS_DOMAIN_ID=42 exec talker]", "error", "domain_id: 42"),
     (PEERS, "args: [bash, -c, \"export ROS_DOMAIN_ID='42'; talker\"]", "error", "domain_id: 42"),
     (PEERS, "args: [env, ROS_DOMAIN_ID=42, ros2, run, p, e]", "error", "domain_id: 42"),
+    (PEERS, "command: [/ros_entrypoint.sh, env, ROS_DOMAIN_ID=42, talker]", "error", "domain_id"),
     (PEERS, "args: [bash, -c, MY_ROS_DOMAIN_ID=42 talker]", "-", ""),
     ("middleware: fastdds", "env: {RMW_IMPLEMENTATION: rmw_fastrtps_cpp}", "-", ""),
     ("middleware: fastdds", "env: {RMW_IMPLEMENTATION: rmw_fastrtps_dynamic_cpp}", "-", ""),
@@ -145,7 +146,11 @@ ROS1 = [
 
 def judge(job: str, node: str, distro: str, other: str = "b: {args: x}") -> tuple[str, str]:
     """Return the severity and the message of the one contradiction; - for none."""
-    program = "" if "bash" in node or "[env" in node else "package: p, executable: e, "
+    program = (
+        ""
+        if "bash" in node or " env, " in node or "[env" in node
+        else "package: p, executable: e, "
+    )
     if "ros: none" in node:
         program = "args: x, "
     text = f"{{image: a, {job}{',' * bool(job)} nodes: {{n: {{{program}{node}}}, {other}}}}}"

@@ -51,6 +51,9 @@ def test_a_rigelfile_may_have_all_of_them(name: str) -> None:
 def test_a_mistake_has_its_words() -> None:
     """A name of the other generation leads to the right one; what waits for data is not judged."""
     assert "a private name is written ~/NAME" in str(NAMES_2.explain(NAMES_2.source, "~input"))
+    assert "set `name`" in str(NAMES_2.explain(NAMES_2.source, "__node"))
+    assert "set `name`" in str(NAMES_1.explain(NAMES_1.source, "__name"))
+    assert "~/NAME" not in str(NAMES_2.explain(NAMES_2.node, "~x"))
     assert 'ROS refuses "__" in it' in str(NAMES_2.explain(NAMES_2.node, "a__b"))
     assert "only ROS 2 has NODE:NAME" in str(NAMES_1.explain(NAMES_1.source, "rostopic://a"))
     assert NAMES_2.explain(NAMES_2.target, "/{{ data.robot }}/scan") is None

@@ -196,7 +196,7 @@ def list_assigned(place: Place) -> Iterator[Given]:
     """Yield the variables that a command line sets: of env, of a shell, of ROS 1's arguments."""
     line = find_program(place.ros, place.node)
     path = (*place.path, line_key(place.node))
-    if line and PurePosixPath(line[0]).name in (*SHELLS, "env"):
+    if any(PurePosixPath(word).name in (*SHELLS, "env") for word in line[:2]):  # or an ENTRYPOINT's
         text = " ".join(line)
         for name in RULES.get(place.ros.name, {}):
             pattern = rf"""(?:^|[\s;&|("'])({name})=("[^"]*"|'[^']*'|[^\s;&|)"']*)"""

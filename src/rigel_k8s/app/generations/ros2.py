@@ -317,6 +317,9 @@ def explain_value(name: str, value: Any) -> str | None:
     """Return why rcl has no type for a parameter's value, None if it has one."""
     if value is None:
         return f'the parameter "{name}" has no value'
+    inner = value if isinstance(value, list) else [value]
+    if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in inner):
+        return f'the parameter "{name}" has a number of more than 64 bits: write it as a text'
     if value == []:
         return f'the list "{name}" is empty, so that ROS 2 has no type for it: leave it out'
     if isinstance(value, list) and not is_list_of_one_type(value):

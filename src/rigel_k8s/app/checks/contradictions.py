@@ -246,7 +246,7 @@ def explain_domain(place: Place, value: str | None) -> Verdict | None:
         if unread and chosen:
             return None if value else Verdict(f"{why}, and no one knows this one", "warning")
         return Verdict(f"the node {where}, and {why}, so no node finds it: {instead}")
-    if unread or len(set(release.domains)) == 1:
+    if unread or len(set(release.domains)) < 2:
         return None
     message = f"the node {where}, and nodes in {ours} do not find it: {instead}"
     return Verdict(message, "warning")

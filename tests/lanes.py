@@ -18,6 +18,12 @@ LANES = {
     "tests/cluster/observability/test_stack.py": "stack",
     "tests/cluster/observability/test_existing_loki.py": "stack",
     "tests/cluster/ros2/": "ros2",
+    # With static peers, in namespaces of their own: beside the others.
+    "tests/cluster/ros2/test_foxglove.py": "ros2 peers",
+    "tests/cluster/ros2/test_ros2_expect.py": "ros2 peers",
+    "tests/cluster/ros2/test_ros2_idle.py": "ros2 peers",
+    "tests/cluster/ros2/test_ros2_testing.py": "ros2 peers",
+    "tests/cluster/ros2/test_ros2_together.py": "ros2 peers",
     "tests/cluster/ros2/modes/": "ros2 modes",
     "tests/cluster/network/test_own_cluster.py": "own cluster",  # leaves it as it was
     "tests/cluster/network/test_preflight_own.py": "own cluster",  # wants no Multus, leaves it

@@ -66,9 +66,14 @@ time.sleep(1000)
 READ = {"apiGroups": [""], "resources": ["pods", "pods/log"], "verbs": ["get", "list", "watch"]}
 
 
-def until(look: Callable[[], T], what: str, patience: float = 180) -> T:
+def until(
+    look: Callable[[], T],
+    what: str,
+    patience: float = 180,
+    despite: tuple[type[Exception], ...] = (),
+) -> T:
     """Return what a look gives as soon as it is anything."""
-    return waiting.until(look, what, patience, every=0.5)
+    return waiting.until(look, what, patience, every=0.5, despite=despite)
 
 
 @attrs.frozen

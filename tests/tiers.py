@@ -92,11 +92,11 @@ class Run:
     failures: list[str] = attrs.Factory(list)
     unsteady: list[str] = attrs.Factory(list)
 
-    def note(self, part: str, started: float, problem: str = "") -> None:
-        """Keep how long a part took, and what is wrong with it as a whole."""
+    def note(self, part: str, started: float, code: int = 0, failed: Sequence[str] = ()) -> None:
+        """Keep how long a part took, and what has failed: tests, or all of it by its exit code."""
         self.minutes[part] = round((time.monotonic() - started) / 60, 1)
-        if problem:
-            self.failures.append(f"{part}: {problem}")
+        if code:
+            self.failures += failed or [f"{part} ended with exit code {code}"]
 
 
 def main(words: Sequence[str]) -> int:
@@ -117,7 +117,7 @@ def main(words: Sequence[str]) -> int:
             started = time.monotonic()
             print("\n==> The lowest and the newest requirements", flush=True)
             code = subprocess.run(["tests/bounds"], check=False).returncode
-            run.note("bounds", started, f"exit code {code}" if code else "")
+            run.note("bounds", started, code)
     finally:
         if builder and builder.poll() is None:
             os.killpg(builder.pid, 15)
@@ -159,7 +159,7 @@ def run_phases(
             repeated += failed
             run.note(phase.name, started)
         else:
-            run.note(phase.name, started, f"pytest ended with exit code {code}" if code else "")
+            run.note(phase.name, started, code, failed)
     return repeated
 
 

@@ -15,7 +15,10 @@ from rigel_gate.registry import (
     resolve_name,
 )
 
-_METHOD = re.compile(rb"<methodName>\s*([\w.:/]+)\s*</methodName>")
+_BLANK = re.compile(rb"\s+|<\?.*?\?>|<!--.*?-->", re.DOTALL)
+_CALL = re.compile(rb"<methodCall(?:\s[^<>]*)?>")
+_METHOD = re.compile(rb"<methodName\s*>\s*([\w.:/]+)\s*</methodName\s*>")
+_OTHER_METHOD = re.compile(rb"</[^<>]*methodName\s*>")
 #: The caller's name in the gate's own calls to masters and nodes.
 GATE = "/rigel_k8s_gate"
 #: What the gate answers itself, for probes and stop hooks of pods and for `rigel`.
@@ -37,6 +40,18 @@ def check(body: bytes) -> None:
         raise BadCall("a document type is not accepted")
 
 
+def _read_tag(pattern: re.Pattern[bytes], body: bytes, at: int) -> re.Match[bytes]:
+    """Return the tag that follows next, after any comments; raises BadCall."""
+    blank = _BLANK.match(body, at)
+    while blank:
+        at = blank.end()
+        blank = _BLANK.match(body, at)
+    found = pattern.match(body, at)
+    if not found:
+        raise BadCall("it does not begin with a methodName")
+    return found
+
+
 class Call:
     """A call of the master's API.
 
@@ -54,11 +69,15 @@ class Call:
 
     @classmethod
     def read(cls, body: bytes) -> Call:
-        """Return the call that an XML document makes; only its method is looked at."""
+        """Return the call that an XML document makes; only its method is looked at.
+
+        roscore, which reads the same document, must find the same method: of several elements it
+        would take the last one.
+        """
         check(body)
-        found = _METHOD.search(body)
-        if not found:
-            raise BadCall("no methodName")
+        found = _read_tag(_METHOD, body, _read_tag(_CALL, body, 0).end())
+        if body.find(b"methodName", found.end()) > 0 and _OTHER_METHOD.search(body, found.end()):
+            raise BadCall("more than one methodName")
         return cls(found.group(1).decode(), body=body)
 
     @property

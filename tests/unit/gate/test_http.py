@@ -16,7 +16,7 @@ from unittest.mock import AsyncMock, Mock
 import pytest
 
 from rigel_gate import http
-from rigel_gate.calls import Answer, Call
+from rigel_gate.calls import Answer, BadCall, Call
 from rigel_gate.context import Context
 from rigel_gate.http import Door, HttpLinks, place_of
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
@@ -298,7 +298,7 @@ def test_what_follows_a_call_is_not_read_before_its_answer():
                 writer.write(request())
                 while not asked:
                     await asyncio.sleep(0.01)
-                writer.write(request(b"<methodName>m</methodName>" + b" " * 8 * 2**20))
+                writer.write(request(BODY + b" " * 8 * 2**20))
                 await asyncio.sleep(0.2)
                 assert len(readers[0]._buffer) < 2**20  # type: ignore[attr-defined]
                 going.set()
@@ -442,6 +442,33 @@ def test_a_document_type_is_refused_unread(document: bytes):
 
     run(work())
     assert not Answer(body=b"<!DOCTYPE x><methodResponse/>").is_success
+
+
+CALLED = "<methodCall>{}<methodName>getPid</methodName>{}</methodCall>"
+
+
+@pytest.mark.parametrize(
+    ("text", "method"),
+    [
+        ("<?xml version='1.0'?>\r\n" + CALLED.format("", ""), "getPid"),
+        ("<!-- <methodName>echo</methodName> -->" + CALLED.format("", ""), "getPid"),
+        (CALLED.format("<!-- <methodName>echo</methodName>-->", "<params/>"), "getPid"),
+        (CALLED.format("", "<!-- a methodName -->"), "getPid"),
+        ("<methodCall xmlns:ex='x'>\n<methodName> a.b </methodName></methodCall>", "a.b"),
+        ("<!-- " + CALLED.format("", "") + " -->", None),
+        (CALLED.format("", "<params/><methodName>echo</methodName>"), None),
+        (CALLED.format("", "<x:methodName>echo</x:methodName >"), None),
+        (CALLED.format("<params/>", ""), None),
+        (50_000 * "<!---->" + 50_000 * "<!-->", None),
+    ],
+)
+def test_a_call_is_the_one_that_roscore_finds_in_it(text: str, method: str | None):
+    """A comment hides none, and of two nothing is passed on: roscore takes the last one."""
+    if method:
+        assert Call.read(text.encode()).method == method
+    else:
+        with pytest.raises(BadCall):
+            Call.read(text.encode())
 
 
 # -- the master and nodes --

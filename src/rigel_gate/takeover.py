@@ -7,11 +7,12 @@ or when the newcomer belongs to another workload. handover.py says which newcome
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import deque
 from functools import partial
 from typing import Any
 
-from rigel_gate.calls import Answer, Call, call_of
+from rigel_gate.calls import Answer, BadCall, Call, call_of
 from rigel_gate.context import Context
 from rigel_gate.handover import (
     choose_heir,
@@ -30,6 +31,12 @@ from rigel_gate.state import GatePod, Newcomer
 PAUSE = 0.05
 #: How many conflicts are remembered.
 CONFLICTS = 20
+#: Seconds without a word of a pod's probe, and without a node there, after which it is forgotten.
+FORGET = 600.0
+#: Seconds that a pod can wait for those that take over.
+LONGEST = 3600.0
+#: How many addresses one pod may have.
+MOST_HOSTS = 64
 
 
 class TakeOver:
@@ -44,6 +51,7 @@ class TakeOver:
         self._nodes = nodes
         self._newcomers = newcomers
         self._conflicts: deque[dict[str, Any]] = deque(maxlen=CONFLICTS)
+        self._described: dict[str, float] = {}  # when a pod's probe last came, by its address
 
     # -- what pods request --
 
@@ -54,8 +62,10 @@ class TakeOver:
         [name, URI, "quiet" or "busy", URI of the one that has the name].
         """
         _, pod, workload, *hosts = call.texts(len(call.params))
+        check_hosts(hosts)
         found = []
         for host in hosts:
+            self._described[host] = self._context.links.now()
             described = GatePod(host, pod, workload)
             if self._state.pods.get(host) != described:
                 self._context.note("pod", *described)
@@ -75,9 +85,10 @@ class TakeOver:
         Arguments: caller, seconds that newcomers have to become quiet, the pod's addresses.
         """
         _, seconds, *hosts = call.texts(len(call.params))
+        check_hosts(hosts)
+        deadline = self._context.links.now() + read_seconds(seconds)
         for host in hosts:
             self._context.note("leave", host)
-        deadline = self._context.links.now() + float(seconds)
         names = [name for host in hosts for name in list_names_of(self._state, host)]
         return Answer.good(
             "", [name for name in names if await self._hand_over_name(name, deadline)]
@@ -128,10 +139,16 @@ class TakeOver:
             self._context.spawn_once(name, self._look_at)
 
     def forget_pods(self) -> None:
-        """Forget pods that have ended: no node has a name there or waits for one."""
-        for host in sorted(self._state.leaving):
+        """Forget pods that have ended: no node has a name there or waits for one.
+
+        One that has handed over is known to end. Of one that is killed, the probe falls silent.
+        """
+        now = self._context.links.now()
+        quiet = [h for h in self._state.pods if now - self._described.setdefault(h, now) > FORGET]
+        for host in sorted(self._state.leaving.union(quiet)):
             if not list_names_of(self._state, host) and not self._state.newcomers_at(host):
                 self._context.note("away", host)
+                self._described.pop(host, None)
 
     async def _look_at(self, name: str) -> None:
         await asyncio.gather(*map(self._newcomers.visit, self._state.newcomers_for(name)))
@@ -207,3 +224,20 @@ class TakeOver:
         """Return the latest conflicts, each with its age in seconds as `time`."""
         now = self._context.links.now()
         return [{**one, "time": now - one["time"]} for one in self._conflicts]
+
+
+def check_hosts(hosts: list[str]) -> None:
+    """Raise BadCall for more addresses than a pod can have."""
+    if len(hosts) > MOST_HOSTS:
+        raise BadCall(f"a pod has at most {MOST_HOSTS} addresses")
+
+
+def read_seconds(text: str) -> float:
+    """Return the seconds of a text, LONGEST at most; raises BadCall."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise BadCall(f"not a number of seconds: {text:.40}")
+    return min(seconds, LONGEST)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import asyncio
 from unittest.mock import patch
 
-from rigel_gate.calls import Answer, Call
+import pytest
+
+from rigel_gate.calls import Answer, BadCall, Call
 from rigel_gate.links import NodeSilent
+from rigel_gate.memory import replay
 from rigel_gate.nodes import STOP
 from rigel_gate.registry import PUBLISHER
+from rigel_gate.takeover import read_seconds
 from tests.support.gate_stage import (
     ASK,
     CHATTER,
@@ -25,7 +29,9 @@ from tests.support.gate_stage import (
     start,
     up,
 )
-from tests.support.gate_world import SimNode, World
+from tests.support.gate_world import Plan, SimNode, World
+
+CAMERA: dict[str, Plan] = {"/camera": [ROSOUT, CHATTER]}
 
 # -- who has a name, and when it changes hands --
 
@@ -356,6 +362,60 @@ async def test_a_pod_that_has_ended_is_forgotten(world: World) -> None:
     assert world.gate is not None
     assert world.gate.state.leaving == set()
     assert list(world.gate.state.pods) == [new.host]
+
+
+@play
+async def test_a_pod_that_ends_without_a_hand_over_is_forgotten_later(world: World) -> None:
+    """Its probe comes no more, and it has no node; one whose probe comes stays, node or not."""
+    killed, empty, busy = (
+        await up(world, TALKER),
+        await up(world, LISTENER),
+        await up(world, CAMERA),
+    )
+    killed.nodes[0].end()
+    await killed.nodes[0].unregister(*TALKER["/talker"])
+    await empty.nodes[0].leave()
+    assert world.gate is not None
+    for _ in range(8):
+        assert list(world.gate.state.pods) == [killed.host, empty.host, busy.host]
+        await asyncio.sleep(60)
+        await world.describe(empty)
+    await asyncio.sleep(150)
+    assert list(world.gate.state.pods) == [empty.host, busy.host]
+    assert replay(world.journal).pods.keys() == {empty.host, busy.host}
+
+
+@pytest.mark.parametrize("seconds", ["nan", "inf", "-inf", "1e400", "soon", ""])
+def test_a_hand_over_ends(seconds: str) -> None:
+    """However long a newcomer goes on to register: the time that it has is a number."""
+
+    @play
+    async def story(world: World) -> None:
+        old = await up(world, TALKER)
+        start(world, {"/talker": [(PUBLISHER, f"/t{n}") for n in range(100)]})
+        await asyncio.sleep(0.5)
+        for host in (old.host, "10.9.9.9"):
+            with pytest.raises(BadCall, match="not a number of seconds"):
+                await world.call(Call("rigelHandOver", ("/stop", seconds, host)))
+        assert world.gate is not None
+        assert world.gate.state.leaving == set(), "it has not begun"
+
+    story()
+
+
+def test_a_hand_over_takes_an_hour_at_most() -> None:
+    assert [read_seconds(text) for text in ("0", "2.5", "3601", "1e9")] == [0, 2.5, 3600, 3600]
+
+
+@play
+async def test_a_pod_has_no_more_than_its_addresses(world: World) -> None:
+    many = tuple(f"10.7.0.{number}" for number in range(65))
+    for words in (("/stop", "1", *many), ("/probe", "pod", "app", *many)):
+        method = "rigelHandOver" if len(words) == 67 else "rigelDescribePod"
+        with pytest.raises(BadCall, match="a pod has at most 64 addresses"):
+            await world.call(Call(method, words))
+    assert world.gate is not None
+    assert (world.gate.state.pods, world.gate.state.leaving) == ({}, set())
 
 
 @play

@@ -37,13 +37,16 @@ LARGEST = 700_000
 FILE, CLUSTER = "the file of the pod", "the cluster"
 #: What ends the gate.
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
+#: Characters of a line of the log.
+LINE = 2000
 #: Seconds that a worker must live for the next one to start at once.
 SHORT = 1.0
 
 
 def log(text: str) -> None:
-    """Print a line."""
-    sys.stdout.write(f"gate: {text}\n")
+    """Print a line, whatever names of nodes are in it."""
+    shown = "".join(one if one.isprintable() else repr(one)[1:-1] for one in text[:LINE])
+    sys.stdout.write(f"gate: {shown}{'...' if len(text) > LINE else ''}\n")
     sys.stdout.flush()
 
 

@@ -467,3 +467,15 @@ async def test_a_full_disk_does_not_stop_the_gate(
     assert len(out) == 2
     assert out[0].startswith("gate: the memory is not kept in the file of the pod: ")
     assert out[1] == "gate: the memory is kept in the file of the pod again"
+
+
+# -- the log --
+
+
+def test_a_name_makes_no_line_of_its_own(capsys: pytest.CaptureFixture[str]):
+    """Nor does it send a terminal commands, turn the text around, or fill the log."""
+    program.log("/n\ngate: \x1b[2J\x9b2J \u202e\u2028\ud800 ä at " + 3000 * "x")
+    said = capsys.readouterr().out
+    assert said.startswith(r"gate: /n\ngate: \x1b[2J\x9b2J \u202e\u2028\ud800 ä at xxx")
+    assert said.endswith("x...\n")
+    assert len(said) < program.LINE + 100

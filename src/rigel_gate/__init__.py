@@ -26,8 +26,9 @@ gate.py        every call arrives here; one that changes registrations is passed
 
 How it runs:
 
-memory.py      the state as events: in a file of the pod, and in one object of the cluster
+memory.py      the state as events: in a file of the pod, and as a text for the cluster
+cluster.py     the part of the Kubernetes API that the text's one object needs
+keeper.py      keeps the state in both; finds the newer one at the start
 http.py        XML-RPC over HTTP: the server, and the connections to the master and to nodes
-cluster.py     the part of the Kubernetes API that the one object needs
 __main__.py    starts it; starts it again when it is killed
 """

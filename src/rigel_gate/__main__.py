@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import mmap
 import os
 import resource
 import signal
@@ -15,32 +16,26 @@ import socket
 import sys
 import time
 from collections import Counter
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Awaitable, Iterator
+from typing import Any, Awaitable
 
 from rigel_gate.calls import Answer, Call
-from rigel_gate.cluster import ClusterObject, NotKept, Overtaken
+from rigel_gate.cluster import ClusterObject
 from rigel_gate.gate import Gate
 from rigel_gate.http import LARGEST_HEAD, Door, HttpLinks
-from rigel_gate.memory import Journal, compress, decompress
-from rigel_gate.state import Event, State
+from rigel_gate.keeper import Keeper
+from rigel_gate.memory import Journal
 
-#: Seconds between two writes to the cluster.
-PAUSE = 1.0
-#: How often the memory is looked for in the cluster before the gate begins without it.
-TRIES = 20
-#: Bytes that an object of the cluster may have, with room for the rest of it.
-LARGEST = 700_000
-#: Where the memory is kept, in words.
-FILE, CLUSTER = "the file of the pod", "the cluster"
 #: What ends the gate.
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 #: Characters of a line of the log.
 LINE = 2000
 #: Seconds that a worker must live for the next one to start at once.
 SHORT = 1.0
+#: Seconds after which a worker without a master has started; how many may end before.
+STARTS, FAILURES = 30.0, 3
 
 
 def log(text: str) -> None:
@@ -50,114 +45,19 @@ def log(text: str) -> None:
     sys.stdout.flush()
 
 
-class Keeper:
-    """Keeps the state in the file of the pod at once, and in the cluster within a second."""
-
-    def __init__(self, journal: Journal, place: ClusterObject | None) -> None:
-        self._journal = journal
-        self._place = place
-        self._changed = asyncio.Event()
-        self._trouble: dict[str, str] = {}
-        self.state = State()
-
-    async def begin(self) -> None:
-        """Find what an earlier gate has left: one of this pod, or of another pod."""
-        found = None
-        try:
-            found = self._journal.read()
-        except (OSError, ValueError) as error:
-            log(f"the memory in {FILE} is not used: {error}")
-        if found is None and self._place is not None:
-            found = await self._read_cluster(self._place)
-        elif found:  # the cluster may not have the last of it
-            self._changed.set()
-        self.state = found or self.state
-        if self.state.left_out:
-            log(f"{self.state.left_out} lines of the memory cannot be read: they are left out")
-        with self._reporting(FILE):
-            self._journal.begin(self.state)
-
-    async def _read_cluster(self, place: ClusterObject) -> State | None:
-        """Return what the cluster keeps; asked for a while, since an empty gate forgets nodes."""
-        for left in reversed(range(TRIES)):
-            try:
-                text = await asyncio.get_running_loop().run_in_executor(None, place.read)
-                return decompress(text) if text else None
-            except NotKept as error:
-                log(f"the memory in the cluster cannot be read: {error}")
-                await asyncio.sleep(PAUSE if left else 0)
-            except ValueError as error:
-                log(f"the memory in the cluster is not used: {error}")
-                return None
-        return None
-
-    def keep(self, event: Event) -> None:
-        """Keep an event in the file, and write to the cluster later."""
-        with self._reporting(FILE):
-            self._journal.keep(event, self.state)
-        self._changed.set()
-
-    async def run(self) -> None:
-        """Write what has changed to the cluster, until the end."""
-        while self._place is not None:
-            await self._changed.wait()
-            try:
-                await self.save()
-            except Exception as error:  # without this nothing would be written any more
-                self._changed.set()
-                self._report(CLUSTER, repr(error))
-            await asyncio.sleep(PAUSE)
-
-    async def save(self) -> None:
-        """Write the state to the cluster."""
-        if self._place is None or not self._changed.is_set():
-            return
-        self._changed.clear()
-        text = compress(self.state)
-        try:
-            if len(text) > LARGEST:
-                raise NotKept(f"it has more than {LARGEST} bytes, compressed")
-            await asyncio.get_running_loop().run_in_executor(None, self._place.write, text)
-            self._report(CLUSTER, "")
-        except Overtaken as error:
-            self._report(CLUSTER, str(error))
-            self._place = None
-        except NotKept as error:
-            self._changed.set()
-            self._report(CLUSTER, str(error))
-
-    @contextmanager
-    def _reporting(self, where: str) -> Iterator[None]:
-        """Continue even if a place cannot be written, such as a full disk."""
-        try:
-            yield
-            self._report(where, "")
-        except OSError as error:
-            self._report(where, str(error))
-
-    def list_troubles(self) -> list[str]:
-        """Return where the memory is not kept, and why not."""
-        found = self._trouble.items()
-        return [f"the memory is not kept in {where}: {why}" for where, why in found if why]
-
-    def _report(self, where: str, trouble: str) -> None:
-        if trouble != self._trouble.get(where, ""):
-            good = f"the memory is kept in {where} again"
-            log(f"the memory is not kept in {where}: {trouble}" if trouble else good)
-        self._trouble[where] = trouble
-
-
-async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> None:
+async def serve(sockets: list[socket.socket], options: argparse.Namespace, start: Start) -> None:
     """Answer until SIGTERM; the last of the sockets is the door of nodes that hand over."""
     place = None
     if options.object:
         place = ClusterObject(options.object, socket.gethostname())
-    keeper = Keeper(Journal(options.journal), place)
-    await keeper.begin()
+    keeper = Keeper(Journal(options.journal), place, log)
+    await keeper.begin(without_file=start.failures >= FAILURES)
     links = HttpLinks(options.master_port)
     own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or socket.gethostname()
     uri = f"http://{own}:{options.port}/"
-    gate = Gate(keeper.state, links, uri, keeper.keep, log, keeper.list_troubles)
+    gate = Gate(
+        keeper.state, links, uri, keeper.keep, log, keeper.list_troubles, lambda: keeper.notes
+    )
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in SIGNALS:
@@ -173,10 +73,38 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
         answer = partial(answering, hands_over=hands_over)
         await asyncio.start_server(Door(answer, callers).serve, sock=door, limit=LARGEST_HEAD)
     saving = asyncio.ensure_future(keeper.run())
+    starting = asyncio.ensure_future(start.finish(gate))
     await ended.wait()
     saving.cancel()
+    starting.cancel()
     await keeper.save()
     await gate.stop()
+
+
+class Start:
+    """How far a worker has come, which its parent process sees, too.
+
+    Attributes:
+        failures: how many workers before it have ended in their start, one after the other.
+    """
+
+    def __init__(self) -> None:
+        self.failures = 0
+        self._is_over = mmap.mmap(-1, 1)  # one byte that both processes share
+
+    def begin(self) -> None:
+        """Note that a worker is about to start."""
+        self._is_over[0] = 0
+
+    async def finish(self, gate: Gate) -> None:
+        """Note that a worker has started: a master is complete, or there is none for a while."""
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(gate.until_ready(), STARTS)
+        self._is_over[0] = 1
+
+    def end(self) -> None:
+        """Note that a worker has ended."""
+        self.failures = 0 if self._is_over[0] else self.failures + 1
 
 
 class FailureLog:
@@ -208,7 +136,7 @@ def listen(port: int) -> socket.socket:
 def supervise(sockets: list[socket.socket], options: argparse.Namespace) -> int:
     """Start workers until SIGTERM; return the exit code."""
     ended: list[int] = []
-    worker = 0
+    worker, start = 0, Start()
 
     def end(number: int, _: object) -> None:
         ended.append(number)
@@ -224,26 +152,28 @@ def supervise(sockets: list[socket.socket], options: argparse.Namespace) -> int:
         if ended:
             return 0
         started = time.monotonic()
+        start.begin()
         worker = os.fork()
         if worker == 0:
-            work(sockets, options)
+            work(sockets, options, start)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         status = os.waitpid(worker, 0)[1]
         worker = 0
+        start.end()
         if not ended:
             log(f"started again (the worker ended with status {status})")
             if time.monotonic() - started < SHORT:
                 time.sleep(SHORT / 2)
 
 
-def work(sockets: list[socket.socket], options: argparse.Namespace) -> None:
+def work(sockets: list[socket.socket], options: argparse.Namespace, start: Start) -> None:
     """Serve in a worker; a signal that came earlier ends it. Never returns."""
     code = 1
     try:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-        asyncio.run(serve(sockets, options))
+        asyncio.run(serve(sockets, options, start))
         code = 0
     except Exception as error:
         log(f"failed: {error!r}")

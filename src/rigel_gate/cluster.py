@@ -43,16 +43,20 @@ class ClusterObject:
         self._account = account
         self._version = ""
 
-    def read(self) -> str | None:
-        """Return what is kept, None if nothing is yet; from now on this pod writes.
+    def read(self, *, takes_over: bool) -> str | None:
+        """Return what is kept, None if nothing is yet.
+
+        Args:
+            takes_over: from now on this pod writes, whichever did before.
 
         Raises:
             NotKept: it cannot be read.
         """
         found = self._ask("GET")
-        self._version = found["metadata"]["resourceVersion"]
         kept = (found.get("data") or {}).get(KEY)
-        self._write({"metadata": {"annotations": {WRITER: self._pod}}})
+        if takes_over:
+            self._version = found["metadata"]["resourceVersion"]
+            self._write({"metadata": {"annotations": {WRITER: self._pod}}})
         return base64.b64decode(kept).decode("ascii") if kept else None
 
     def write(self, text: str) -> None:

@@ -52,6 +52,11 @@ class Context:
         self.state.apply(list(event))
         self._keep(list(event))
 
+    def note_value(self, name: str, value: Any, packed: str) -> None:
+        """Change a parameter and keep the event, with a value that no one has to unpack."""
+        self.state.set_parameter(name, value)
+        self._keep(["set", name, packed])
+
     def spawn(self, work: Coroutine[Any, Any, Any]) -> None:
         """Run a coroutine in the background; a failure is logged."""
         task = asyncio.ensure_future(work)

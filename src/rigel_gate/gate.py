@@ -29,7 +29,7 @@ from rigel_gate.links import Links
 from rigel_gate.master import Master
 from rigel_gate.newcomers import Newcomers
 from rigel_gate.nodes import Nodes
-from rigel_gate.parameters import Parameters
+from rigel_gate.parameters import LARGEST_TREE, Parameters, size_of
 from rigel_gate.registry import Registration, host_of, resolve_name
 from rigel_gate.restoring import Restoring
 from rigel_gate.state import Event, State, pack, unpack
@@ -50,6 +50,7 @@ class Gate:
         keep: called with each event before its cause is answered.
         log: called with a line for people to read.
         list_troubles: returns why the state is not kept, for `describe`.
+        list_notes: returns what else users should know of the gate's process.
     """
 
     def __init__(
@@ -60,10 +61,12 @@ class Gate:
         keep: Callable[[Event], None],
         log: Callable[[str], None],
         list_troubles: Callable[[], list[str]] = list,
+        list_notes: Callable[[], list[str]] = list,
     ) -> None:
         self.state = state
         self._uri = uri
         self._list_troubles = list_troubles
+        self._list_notes = list_notes
         self._context = Context(state, links, keep, log)
         self._master = Master(self._context)
         self._nodes = Nodes(self._context)
@@ -75,6 +78,10 @@ class Gate:
         """Look for the master, and check the nodes that wait, until stopped."""
         self._master.start(self._restoring.complete_master, self._takeover.finish)
         self._context.spawn(self._watch_nodes())
+
+    async def until_ready(self) -> None:
+        """Return when the master answers and has all registrations."""
+        await self._master.until_ready()
 
     async def stop(self) -> None:
         """End everything that runs."""
@@ -149,7 +156,9 @@ class Gate:
             return await self._set_parameter(call)
         if call.method == "deleteParam":
             node, key = call.texts(2)
-            return await self._change_parameter(call, ("delete", resolve_name(key, node)))
+            name = resolve_name(key, node)
+            note = partial(self._context.note, "delete", name)
+            return await self._change_parameter(call, name, note)
         return None
 
     async def _register(self, call: Call, one: Registration, *, hands_over: bool) -> Answer:
@@ -206,17 +215,23 @@ class Gate:
         name, value = resolve_name(key, node), call.params[2]
         try:
             packed = pack(value)
-            Parameters().set(name, unpack(packed))
+            value = unpack(packed)
+            Parameters().set(name, value)
         except Exception as error:  # of xmlrpc.client: a large number, a date that is none
             return fault(f"{name} cannot be set: {error!r}")
-        return await self._change_parameter(call, ("set", name, packed))
+        known = self.state.parameters
+        if known.size - size_of(known.get(name)) + size_of(value) > LARGEST_TREE:
+            return fault(f"{name} cannot be set: all parameters have at most {LARGEST_TREE} bytes")
+        return await self._change_parameter(
+            call, name, partial(self._context.note_value, name, value, packed)
+        )
 
-    async def _change_parameter(self, call: Call, event: tuple[str, ...]) -> Answer:
+    async def _change_parameter(self, call: Call, name: str, note: Callable[[], None]) -> Answer:
         async with self._context.turn:
             answer = await self._master.call(call)
             if answer.is_success:
-                self._context.note(*event)
-                self._newcomers.send_parameter(event[1])
+                note()
+                self._newcomers.send_parameter(name)
             return answer
 
     # -- from time to time --
@@ -247,6 +262,7 @@ class Gate:
             "blocked": self._master.trouble,
             "refused": self._restoring.refused,
             "unkept": self._list_troubles(),
+            "notes": self._list_notes(),
             "nodes": len(self.state.registry.nodes),
         }
 

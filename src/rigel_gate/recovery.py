@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Iterable, Iterator, Set, Tuple
 
-from rigel_gate.parameters import leaves
+from rigel_gate.parameters import leaves, list_pieces
 from rigel_gate.registry import PUBLISHER, ROSOUT, SERVICE, SUBSCRIBER, Registration
 from rigel_gate.state import State
 
@@ -38,7 +38,7 @@ def find_lost_nodes(state: State, known: Known) -> list[str]:
 
 
 def find_lost_parameters(state: State, names: Iterable[str]) -> list[tuple[str, Any]]:
-    """Return (name, value) of what a master is missing: whole trees if it has nothing of one."""
+    """Return (name, value) of what a master is missing; whole trees, or large pieces of them."""
     there = set(names) - {SET_BY_ROSCORE}
     lost: list[tuple[str, Any]] = []
     for first, value in state.parameters.own().items():
@@ -46,7 +46,8 @@ def find_lost_parameters(state: State, names: Iterable[str]) -> list[tuple[str, 
         if missing and not any(
             name == "/" + first or name.startswith(f"/{first}/") for name in there
         ):
-            lost.append(("/" + first, value))
+            is_tree = isinstance(value, dict) and value
+            lost += list_pieces(value, "/" + first) if is_tree else [("/" + first, value)]
         else:
             lost += [(name, state.parameters.get(name)) for name in missing]
     return lost

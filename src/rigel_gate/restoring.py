@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Any, Iterable, Sequence
+from typing import Any, Iterable, Iterator, Sequence, TypeVar
 
 from rigel_gate.calls import GATE, Call, call_of, describe_call
 from rigel_gate.context import Context
 from rigel_gate.links import NodeGone, NodeSilent
 from rigel_gate.master import Master
 from rigel_gate.nodes import PATIENCE, Nodes
+from rigel_gate.parameters import leaves, size_of
 from rigel_gate.recovery import (
     Known,
     find_lost_nodes,
@@ -36,8 +37,12 @@ from rigel_gate.registry import (
 )
 from rigel_gate.state import pack
 
-#: Calls that a new master receives in one request.
-BATCH = 100
+#: Calls that a new master receives in one request, and about how many bytes of them.
+BATCH, LARGEST_BATCH = 100, 2**20
+#: Bytes of parameters that are read from a master in one answer.
+LARGEST_ANSWER = 16 * 2**20
+
+T = TypeVar("T")
 
 
 class Restoring:
@@ -115,8 +120,7 @@ class Restoring:
 
     async def _make_calls(self, calls: Sequence[Call]) -> None:
         """Make many calls in few requests; note what the master refuses."""
-        for start in range(0, len(calls), BATCH):
-            some = calls[start : start + BATCH]
+        for some in divide(calls, [size_of(list(one.params)) for one in calls]):
             listed = [{"methodName": one.method, "params": list(one.params)} for one in some]
             answer = await self._context.links.master(Call("system.multicall", (listed,)))
             refusals = list_refusals(answer.value, len(some))
@@ -195,9 +199,27 @@ class Restoring:
             if api and api != entry.api:
                 self._context.note("forget", entry.name)
         await self._adopt(known)
-        tree = await self._ask_now("getParam", "/")
-        if isinstance(tree, dict):
-            self._context.note("set", "/", pack(tree))
+        await self._follow_parameters()
+
+    async def _follow_parameters(self) -> None:
+        """Note how a master's parameters differ; a large tree is read in parts."""
+        own = self._state.parameters
+        if own.size <= LARGEST_ANSWER:
+            tree = await self._ask_now("getParam", "/")
+            if isinstance(tree, dict) and pack(tree) != pack(own.tree):
+                self._context.note_value("/", tree, pack(tree))
+            return
+        names = await self._ask_now("getParamNames") or []
+        for gone in set(leaves(own.tree, "")).difference(names):
+            self._context.note("delete", gone)
+        for some in divide(names, [size_of(own.get(name)) for name in names]):
+            listed = [{"methodName": "getParam", "params": [GATE, name]} for name in some]
+            answer = await self._context.links.master(Call("system.multicall", (listed,)))
+            if any(list_refusals(answer.value, len(some))):
+                continue  # a parameter that is gone by now, or an answer that cannot be read
+            for name, [[_, _, value]] in zip(some, answer.value):
+                if pack(value) != pack(own.get(name)):
+                    self._context.note_value(name, value, pack(value))
 
     async def _adopt(self, known: Known) -> None:
         """Note what a master has and the state has not."""
@@ -220,3 +242,15 @@ class Restoring:
         run = (await self._master.call(Call("getParam", (GATE, "/run_id")))).result
         if run and not self._state.run:
             self._context.note("run", str(run))
+
+
+def divide(items: Sequence[T], sizes: Sequence[int]) -> Iterator[Sequence[T]]:
+    """Yield items in parts, each of BATCH items and of LARGEST_BATCH bytes at most, or of one."""
+    start = size = 0
+    for end, own in enumerate(sizes):
+        if end > start and (end - start == BATCH or size + own > LARGEST_BATCH):
+            yield items[start:end]
+            start, size = end, 0
+        size += own
+    if items:
+        yield items[start:]

@@ -7,9 +7,9 @@ starts later: a state is the result of its events on an empty one. Pure: it call
 from __future__ import annotations
 
 import xmlrpc.client
-from typing import Any, Iterator, List, NamedTuple
+from typing import Any, Iterable, Iterator, List, NamedTuple
 
-from rigel_gate.parameters import Parameters
+from rigel_gate.parameters import Parameters, copy_tree, list_pieces
 from rigel_gate.registry import KINDS, NodeEntry, Registration, Registry
 
 Event = List[Any]
@@ -41,8 +41,11 @@ class Newcomer(NodeEntry):
     is_silent = False
 
 
+#: The event that only says how many others there were: the first and the last of a state.
+REVISION = "revision"
 #: How many words each event has after its name. All are texts; a `register` ends with yes or no.
 WORDS = {
+    REVISION: 1,
     **{"run": 1, "set": 2, "delete": 1, "register": 6, "unregister": 4, "forget": 1, "silent": 1},
     **{"answers": 1, "wait": 5, "unwait": 4, "dismiss": 2, "pod": 3, "leave": 1, "away": 1},
 }
@@ -71,6 +74,7 @@ class State:
         leaving: hosts whose pods are about to end.
         silent: nodes that the master does not have, since they did not answer when it returned.
         run: the /run_id of the master with which all this was registered, "" if it has none.
+        revision: how many events have made it, in all gates: of two copies the higher one is newer.
         left_out: how many events of an earlier gate could not be read; not kept.
     """
 
@@ -82,29 +86,25 @@ class State:
         self.leaving: set[str] = set()
         self.silent: set[str] = set()
         self.run = ""
+        self.revision = 0
         self.left_out = 0
 
     def apply(self, event: Event) -> None:
         """Apply an event."""
         getattr(self, f"_on_{event[0]}")(*event[1:])
+        self.revision += event[0] != REVISION
 
-    def events(self) -> Iterator[Event]:
-        """Yield events that produce this state from an empty one."""
-        yield ["run", self.run]
-        if self.parameters.tree:
-            yield ["set", "/", pack(self.parameters.tree)]
-        for entry in self.registry.nodes.values():
-            for one in entry.registrations.values():
-                yield ["register", *one, entry.hands_over]
-        for name in sorted(self.silent):
-            yield ["silent", name]
-        for newcomer in self.newcomers.values():
-            for one in newcomer.registrations.values():
-                yield ["wait", *one]
-        for pod in self.pods.values():
-            yield ["pod", *pod]
-        for host in sorted(self.leaving):
-            yield ["leave", host]
+    def set_parameter(self, key: str, value: Any) -> None:
+        """Apply the event `set` with a value that is unpacked already."""
+        self.parameters.set(key, value)
+        self.revision += 1
+
+    def events(self) -> Iterable[Event]:
+        """Return events that produce this state from an empty one: as it is now.
+
+        Another thread may iterate over them, again and again, while the state changes.
+        """
+        return _Events(self)
 
     def newcomers_for(self, node: str) -> list[Newcomer]:
         """Return the newcomers that wait for a name, the latest first."""
@@ -120,6 +120,9 @@ class State:
         return api in named or api in {one.api for one in self.newcomers.values()}
 
     # -- events --
+
+    def _on_revision(self, number: str) -> None:
+        self.revision = int(number)
 
     def _on_run(self, run: str) -> None:
         self.run = run
@@ -182,6 +185,32 @@ class State:
     def _on_away(self, host: str) -> None:
         self.pods.pop(host, None)
         self.leaving.discard(host)
+
+
+class _Events:
+    """The events that produce a state, from a copy of it that shares its values."""
+
+    def __init__(self, state: State) -> None:
+        self._revision = [REVISION, str(state.revision)]
+        self._run = state.run
+        self._tree = copy_tree(state.parameters.tree)
+        self._others: list[Event] = []
+        for entry in state.registry.nodes.values():
+            for one in entry.registrations.values():
+                self._others.append(["register", *one, entry.hands_over])
+        self._others += (["silent", name] for name in sorted(state.silent))
+        for newcomer in state.newcomers.values():
+            self._others += (["wait", *one] for one in newcomer.registrations.values())
+        self._others += (["pod", *pod] for pod in state.pods.values())
+        self._others += (["leave", host] for host in sorted(state.leaving))
+
+    def __iter__(self) -> Iterator[Event]:
+        yield self._revision
+        yield ["run", self._run]
+        for name, value in list_pieces(self._tree):
+            yield ["set", name, pack(value)]
+        yield from self._others
+        yield self._revision
 
 
 def pack(value: Any) -> str:

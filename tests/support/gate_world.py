@@ -298,7 +298,7 @@ class World:
         self.lost: dict[str, float] = {}  # host -> when its machine was last away
         self.pods: list[SimPod] = []
         self.broken: list[str] = []
-        self.journal: list[str] = []
+        self.journal: list[bytes] = []
         self.runs = 0
         self.master_now: SimMaster | None = None
         self.gate: Gate | None = None

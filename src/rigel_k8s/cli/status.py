@@ -254,6 +254,7 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
         yield f"roscore did not accept again the {refusal}; restart the pod of its node"
     for why in gate.unkept:
         yield f"{why}; a new ros-master pod would not have the latest registrations and parameters"
+    yield from gate.notes
     for node in gate.waiting:
         behind = f"take over from {place(node.owner)}" if node.owner else "have its name"
         yield f"{node.node}: {place(node.api)} waits to {behind}"

@@ -51,6 +51,7 @@ class GateStatus:
         blocked: why calls wait although roscore answers, "" if they do not.
         refused: the registrations and parameters that the last new roscore did not accept, and why.
         unkept: where the gate's state is not kept, and why.
+        notes: what else is unusual, in words; an earlier gate has none.
         problem: why the gate did not answer; then nothing else is known.
     """
 
@@ -62,6 +63,7 @@ class GateStatus:
     blocked: str = ""
     refused: tuple[str, ...] = ()
     unkept: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     problem: str = ""
 
 

@@ -232,4 +232,5 @@ def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
         blocked=answer["blocked"],
         refused=tuple(answer["refused"]),
         unkept=tuple(answer["unkept"]),
+        notes=tuple(answer.get("notes", ())),
     )

@@ -325,6 +325,7 @@ def test_status_names_what_the_gate_could_not_restore_or_keep() -> None:
         blocked="the new master cannot be given its registrations: bug",
         refused=("service /ask of /evil at http://10.0.0.2:1/: no",),
         unkept=("the memory is not kept in the cluster: it has more than 9 bytes",),
+        notes=("the file of the pod is not used",),
     ) == [
         "the new master cannot be given its registrations: bug; calls to the master wait until it"
         " succeeds",
@@ -332,6 +333,7 @@ def test_status_names_what_the_gate_could_not_restore_or_keep() -> None:
         " the pod of its node",
         "the memory is not kept in the cluster: it has more than 9 bytes; a new ros-master pod"
         " would not have the latest registrations and parameters",
+        "the file of the pod is not used",
     ]
 
 

@@ -579,3 +579,18 @@ async def test_the_answers_of_many_calls_have_a_limit(world: World) -> None:
     assert many.value[0] == -1
     assert "more than" in many.value[1]
     assert len(calls) < 100
+
+
+@play
+async def test_all_parameters_together_have_a_limit(world: World) -> None:
+    """Above it a gate could not start again in its memory; the master does not get it either."""
+    await up(world, TALKER)
+    large = 10 * 2**20 * "x"
+    answers = [await world.call(Call("setParam", ("/n", f"/{n}", large))) for n in range(7)]
+    assert [one.is_success for one in answers] == [True] * 6 + [False]
+    assert "/6 cannot be set: all parameters have at most 67108864 bytes" in answers[-1].value[1]
+    assert world.master_now is not None
+    assert "6" not in world.master_now.parameters.tree
+    assert (await world.call(Call("setParam", ("/n", "/5", large)))).is_success, "it replaces one"
+    await world.call(Call("deleteParam", ("/n", "/5")))
+    assert (await world.call(Call("setParam", ("/n", "/6", large)))).is_success

@@ -100,25 +100,25 @@ def place(account: Path, http: HttpServer) -> ClusterObject:
 @pytest.mark.programs
 def test_an_object_that_rigel_has_just_made_is_empty(place: ClusterObject, server: Server):
     """It has no data at all; from now on this pod writes."""
-    assert place.read() is None
+    assert place.read(takes_over=True) is None
     assert server.secret["metadata"]["annotations"][WRITER] == "pod-a"
 
 
 def test_what_is_kept_is_read_by_the_next_pod(
     place: ClusterObject, server: Server, account: Path, http: HttpServer
 ):
-    place.read()
+    place.read(takes_over=True)
     place.write("one")
     place.write("two")
     assert server.kept == "two"
-    assert ClusterObject("memory", "pod-b", account).read() == "two"
+    assert ClusterObject("memory", "pod-b", account).read(takes_over=True) == "two"
     assert server.secret["metadata"]["annotations"][WRITER] == "pod-b"
     assert {request.method for request in http.requests} == {"GET", "PATCH"}
 
 
 def test_a_change_by_someone_else_is_no_other_gates(place: ClusterObject, server: Server):
     """`rigel` deploys again and sets labels: the gate reads the version and writes again."""
-    place.read()
+    place.read(takes_over=True)
     server.disturbed = 2
     place.write("kept")
     assert server.kept == "kept"
@@ -129,17 +129,17 @@ def test_a_change_while_the_gate_begins_is_tried_again(place: ClusterObject, ser
     """Another gate may still be writing: who starts later wins."""
     server.change({"annotations": {WRITER: "pod-0"}})
     server.disturbed = 1
-    place.read()
+    place.read(takes_over=True)
     assert server.secret["metadata"]["annotations"][WRITER] == "pod-a"
 
 
 def test_a_gate_of_another_pod_that_has_begun_is_not_written_over(
     place: ClusterObject, server: Server, account: Path
 ):
-    place.read()
+    place.read(takes_over=True)
     place.write("old")
     newer = ClusterObject("memory", "pod-b", account)
-    newer.read()
+    newer.read(takes_over=True)
     with pytest.raises(Overtaken, match="the gate of pod pod-b writes now"):
         place.write("too late")
     newer.write("new")
@@ -148,7 +148,7 @@ def test_a_gate_of_another_pod_that_has_begun_is_not_written_over(
 
 def test_an_object_that_changes_all_the_time_is_given_up(place: ClusterObject, server: Server):
     """For now; the next try comes with the next pause."""
-    place.read()
+    place.read(takes_over=True)
     server.disturbed = 1000
     with pytest.raises(NotKept, match="another program keeps changing it"):
         place.write("kept")
@@ -163,27 +163,27 @@ def test_another_answer_is_reported_with_its_words(
 ):
     server.broken = (status, word.encode())
     with pytest.raises(NotKept, match=f"the API server answered {status}: {word}"):
-        place.read()
+        place.read(takes_over=True)
 
 
 def test_an_answer_that_is_no_object_is_reported(place: ClusterObject, server: Server):
     """A proxy in between, perhaps."""
     server.broken = (200, b"<html>")
     with pytest.raises(NotKept, match="the API server answered 200: <html>"):
-        place.read()
+        place.read(takes_over=True)
 
 
 def test_an_api_server_that_is_away_is_reported(account: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("KUBERNETES_SERVICE_HOST", "127.0.0.1")
     monkeypatch.setenv("KUBERNETES_SERVICE_PORT", "1")
     with pytest.raises(NotKept, match=r"cannot reach the API server at 127.0.0.1:1: "):
-        ClusterObject("memory", "pod-a", account).read()
+        ClusterObject("memory", "pod-a", account).read(takes_over=True)
 
 
 def test_an_api_server_that_hangs_up_is_reported(place: ClusterObject, http: HttpServer):
     http.answer = lambda exchange: exchange.hang_up()
     with pytest.raises(NotKept, match="cannot reach"):
-        place.read()
+        place.read(takes_over=True)
 
 
 @pytest.mark.programs
@@ -194,7 +194,7 @@ def test_another_authoritys_server_gets_no_token(account: Path, http: HttpServer
     for name in ("namespace", "token"):
         shutil.copy(account / name, tmp_path)
     with pytest.raises(NotKept, match="certificate verify failed"):
-        ClusterObject("memory", "pod-a", tmp_path).read()
+        ClusterObject("memory", "pod-a", tmp_path).read(takes_over=True)
     assert http.requests == []
 
 
@@ -206,10 +206,10 @@ def test_a_service_account_that_cannot_be_read_is_reported(
         shutil.copy(account / name, tmp_path)
     place = ClusterObject("memory", "pod-a", tmp_path)
     with pytest.raises(NotKept, match="the pod's service account cannot be read: "):
-        place.read()
+        place.read(takes_over=True)
     (tmp_path / "token").unlink()
     with pytest.raises(NotKept, match="the pod's service account cannot be read: "):
-        place.read()
+        place.read(takes_over=True)
 
 
 def test_a_token_that_the_kubelet_has_renewed_is_used(
@@ -220,7 +220,7 @@ def test_a_token_that_the_kubelet_has_renewed_is_used(
     try:
         http.answer = lambda exchange: exchange.say(401, {})
         with pytest.raises(NotKept):
-            place.read()
+            place.read(takes_over=True)
         assert http.requests[-1].headers["Authorization"] == "Bearer renewed"
     finally:
         (account / "token").write_text("secret token\n")

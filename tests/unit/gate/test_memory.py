@@ -4,21 +4,39 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import errno
 import json
 import os
+import random
+import threading
+import tracemalloc
 import zlib
 from collections.abc import Callable, Coroutine, Iterator
-from functools import wraps
+from contextlib import suppress
+from functools import partial, wraps
+from io import FileIO
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rigel_gate import __main__ as program
+from rigel_gate import keeper as keepers
 from rigel_gate import memory
-from rigel_gate.__main__ import Keeper
 from rigel_gate.cluster import NotKept, Overtaken
-from rigel_gate.memory import Journal, compress, decompress, line_of, replay
+from rigel_gate.keeper import LARGEST, LONGEST_PAUSE, PAUSE, TRIES, Keeper
+from rigel_gate.memory import (
+    ROOM,
+    Journal,
+    TooLarge,
+    compress,
+    decompress,
+    line_of,
+    read_revision,
+    replay,
+)
 from rigel_gate.state import Event, State, pack
 
 #: A parameter with more levels than Python's own writer of XML-RPC has.
@@ -73,6 +91,11 @@ def known(state: State) -> dict[str, Any]:
     }
 
 
+def packed(state: State) -> str:
+    """Return what the cluster keeps of a state."""
+    return compress(state.events(), LARGEST)
+
+
 def kept(path: Path) -> dict[str, Any]:
     """Return all that another journal reads from a file."""
     found = Journal(path).read()
@@ -92,7 +115,7 @@ def state() -> State:
 def journal(tmp_path: Path) -> Iterator[Journal]:
     found = Journal(tmp_path / "journal")
     yield found
-    found._close()
+    memory.close(found._file)
 
 
 def test_a_state_is_what_its_events_make(state: State):
@@ -106,8 +129,8 @@ def test_a_state_is_what_its_events_make(state: State):
 def test_a_states_own_events_make_it_again(state: State):
     """In lines, as the file has them, and as text for the cluster."""
     assert known(replay(map(line_of, state.events()))) == known(state)
-    assert known(decompress(compress(state))) == known(state)
-    assert compress(state).isascii()
+    assert known(decompress(packed(state))) == known(state)
+    assert packed(state).isascii()
 
 
 def test_the_journal_has_each_event_at_once(journal: Journal, tmp_path: Path):
@@ -117,7 +140,7 @@ def test_the_journal_has_each_event_at_once(journal: Journal, tmp_path: Path):
     journal.begin(found)
     for event in EVENTS:
         found.apply(event)
-        journal.keep(event, found)
+        journal.keep(event)
         assert kept(tmp_path / "journal") == known(found)
 
 
@@ -147,13 +170,13 @@ def test_a_stale_line_costs_that_line_only(
 ):
     """One that was cut off, or that another version has written: the gate starts all the same."""
     lines = [line_of(event) for event in state.events()]
-    lines.insert(3 if stale.endswith("\n") else len(lines), stale)
-    (tmp_path / "journal").write_bytes("".join(lines).encode("utf-8", "surrogateescape"))
+    lines.insert(3 if stale.endswith("\n") else len(lines), os.fsencode(stale))
+    (tmp_path / "journal").write_bytes(b"".join(lines))
     found = journal.read()
     assert found is not None
     assert known(found) == known(state)
     assert found.left_out == 1
-    assert compress(found), "what has been read can be written again"
+    assert packed(found), "what has been read can be written again"
 
 
 @pytest.mark.parametrize("damage", ["folder", "pipe", "noise"])
@@ -171,7 +194,7 @@ async def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
     {"folder": path.mkdir, "pipe": lambda: os.mkfifo(path)}.get(
         damage, lambda: path.write_bytes(b"\xff\n{}\n")
     )()
-    place.kept = compress(state)
+    place.kept = packed(state)
 
     keeper = await begin(journal, place)
     assert known(keeper.state) == known(state)
@@ -183,8 +206,8 @@ async def test_a_journal_that_cannot_be_read_leaves_the_clusters_copy(
 async def test_a_damaged_copy_in_the_cluster_costs_its_bad_lines_only(
     journal: Journal, place: Place, state: State, capsys: pytest.CaptureFixture[str]
 ):
-    lines = [*map(line_of, state.events()), "\xff\n", '["silent", null]\n']
-    place.kept = base64.b64encode(zlib.compress("".join(lines).encode())).decode()
+    lines = [*map(line_of, state.events()), b"\xff\n", b'["silent", null]\n']
+    place.kept = base64.b64encode(zlib.compress(b"".join(lines))).decode()
 
     keeper = await begin(journal, place)
     assert known(keeper.state) == known(state)
@@ -194,55 +217,226 @@ async def test_a_damaged_copy_in_the_cluster_costs_its_bad_lines_only(
 
 @run
 async def test_a_fault_while_saving_does_not_end_saving(
-    journal: Journal,
-    place: Place,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    journal: Journal, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """Nothing would be kept in the cluster any more, without a word."""
-    monkeypatch.setattr(program, "PAUSE", 0.01)
-
-    keeper = await begin(journal, place)
+    pauses = Pauses()
+    keeper = await begin(journal, place, pauses)
     place.fails.append(RuntimeError("bug"))
     running = asyncio.ensure_future(keeper.run())
     keep(keeper, EVENTS[0])
-    await until_written(place, 2)
-    await asyncio.sleep(0.1)
+    await pauses.until(1)
+    pauses.end()
+    await pauses.until(2)
     running.cancel()
+    assert place.writes == 2
     assert place.kept is not None
     assert keeper.list_troubles() == []
     assert "the memory is not kept in the cluster: RuntimeError('bug')" in capsys.readouterr().out
 
 
-def test_the_journal_does_not_grow_for_ever(
-    journal: Journal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@run
+async def test_the_file_has_at_most_twice_the_state_and_some_room(
+    tmp_path: Path, place: Place, state: State
 ):
-    """A parameter that is set again and again is in it once, from time to time."""
+    """A parameter of 12 KB that is set ten times a second was 181 MB after 25 minutes."""
+    keeper = await begin(Journal(tmp_path / "journal"), place)
+    running = asyncio.ensure_future(keeper.run())
+    for event in EVENTS:
+        keep(keeper, event)
+    base = len(b"".join(map(line_of, keeper.state.events())))
+    sizes = []
+    for number in range(1000):
+        keep(keeper, ["set", "/map", pack(f"{number:012000}")])
+        sizes.append((tmp_path / "journal").stat().st_size)
+        while keeper._journal.is_due:
+            await asyncio.sleep(0.001)
+    running.cancel()
+    assert ROOM < max(sizes) < ROOM + 2 * (base + 13_000)
+    assert sizes != sorted(sizes), "it has been rewritten"
+    assert kept(tmp_path / "journal") == known(keeper.state)
+    memory.close(keeper._journal._file)
+
+
+def test_many_small_events_are_rewritten_too(journal: Journal, monkeypatch: pytest.MonkeyPatch):
+    """A gate that starts must not take long to read them."""
     monkeypatch.setattr(memory, "LINES", 10)
+    journal.begin(State())
+    for number in range(10):
+        assert not journal.is_due
+        journal.keep(["set", "/n", pack(number)])
+    assert journal.is_due
+
+
+def test_what_comes_while_the_file_is_written_is_in_it(journal: Journal, tmp_path: Path):
+    """And if the gate is killed before the new file is complete, the old one has it."""
     found = State()
     journal.begin(found)
-    for number in range(101):
-        event = ["set", "/n", pack(number)]
+    for number, event in enumerate(EVENTS):
+        events = journal.draft(found) if number % 3 == 0 else None
         found.apply(event)
-        journal.keep(event, found)
-    assert len((tmp_path / "journal").read_text().splitlines()) <= 12
+        journal.keep(event)
+        if events is not None:
+            journal.write(events)
+            assert kept_without_reading_on(tmp_path) == known(found)
+            journal.finish()
+        assert kept_without_reading_on(tmp_path) == known(found)
     again = Journal(tmp_path / "journal").read()
     assert again is not None
-    assert again.parameters.tree == {"n": 100}
+    assert again.revision == found.revision == len(EVENTS)
+
+
+def kept_without_reading_on(folder: Path) -> dict[str, Any]:
+    """Return what the file has, without the new one that another journal would remove."""
+    (folder / "copy").write_bytes((folder / "journal").read_bytes())
+    return kept(folder / "copy")
+
+
+def test_more_events_than_can_be_written_leave_the_file_as_it_is(
+    journal: Journal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(memory, "LARGEST_TAIL", 100)
+    found = State()
+    journal.begin(found)
+    journal.write(journal.draft(found))
+    for event in EVENTS:
+        found.apply(event)
+        journal.keep(event)
+    with pytest.raises(OSError, match="more events come than can be written"):
+        journal.finish()
+    assert [path.name for path in tmp_path.iterdir()] == ["journal"]
+    assert journal.is_open
+    assert kept(tmp_path / "journal") == known(found)
+
+
+def test_a_large_state_is_read_and_written_in_pieces(journal: Journal, tmp_path: Path):
+    """Of a file of any size only a line is in memory, and a line is a part of the state."""
+    found = State()
+    for number in range(30):
+        found.apply(["set", f"/deep/{number % 3}/{number}", pack(100_000 * str(number))])
+    found.apply(["set", "/deep/odd", pack({"a/b": 600_000 * "x", "": 1, "empty": {}})])
+    journal.begin(found)
+    lines = (tmp_path / "journal").read_bytes().splitlines()
+    assert max(map(len, lines)) < 700_000
+    assert len(lines) < 50
+    assert kept(tmp_path / "journal") == known(found)
+    assert known(decompress(packed(found))) == known(found)
+    tracemalloc.start()
+    journal.read()
+    least, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    size = (tmp_path / "journal").stat().st_size
+    assert most < 2 * size < 2 * most + 2 * least, "the state, and a part of it"
+
+
+def test_a_copy_of_a_state_does_not_change_with_it(state: State):
+    """A thread writes it while calls are answered."""
+    before, events = known(state), state.events()
+    first = next(iter(events))
+    state.apply(["set", "/robot/more", pack(1)])
+    state.apply(["forget", "/n"])
+    assert next(iter(events)) == first
+    assert known(replay(map(line_of, events))) == {**before, "parameters": PARAMETERS}
+
+
+PARAMETERS = {"robot": {"name": "rosie ä", "size": 1.5}}
+
+
+def make_full(journal: Journal) -> None:
+    """Let a journal write to a disk that is full."""
+    memory.close(journal._file)
+    journal._file = Path("/dev/full").open("ab", buffering=0)  # noqa: SIM115 - the journal closes it
 
 
 def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(journal: Journal, tmp_path: Path):
     found = State()
     journal.begin(found)
-    assert journal._file is not None
-    journal._file.close()
-    journal._file = Path("/dev/full").open("a", buffering=1)  # noqa: SIM115 - the journal closes it
+    make_full(journal)
     found.apply(EVENTS[0])
     with pytest.raises(OSError, match="No space left"):
-        journal.keep(EVENTS[0], found)
+        journal.keep(EVENTS[0])
+    assert journal.is_due
     found.apply(EVENTS[1])
-    journal.keep(EVENTS[1], found)
+    journal.keep(EVENTS[1])
+    journal.begin(found)
     assert kept(tmp_path / "journal") == known(found)
+
+
+class Disk:
+    """A disk with so many bytes, for `write_all`; the files of a folder are on it."""
+
+    def __init__(self, folder: Path, size: int) -> None:
+        self.folder, self.size = folder, size
+
+    @property
+    def room(self) -> int:
+        return self.size - sum(path.stat().st_size for path in self.folder.iterdir())
+
+    def write_all(self, file: FileIO, data: bytes) -> None:
+        fits = data[: max(0, self.room)]
+        file.write(fits)
+        if len(fits) < len(data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def statvfs(self, _: Path) -> SimpleNamespace:
+        return SimpleNamespace(f_bavail=max(0, self.room), f_frsize=1)
+
+
+@pytest.fixture
+def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Disk:
+    found = Disk(tmp_path, 10**9)
+    monkeypatch.setattr(memory, "write_all", found.write_all)
+    monkeypatch.setattr(memory.os, "statvfs", found.statvfs)
+    return found
+
+
+@pytest.mark.parametrize("step", range(12))
+def test_a_disk_may_become_full_at_any_step(
+    journal: Journal, tmp_path: Path, disk: Disk, step: int
+):
+    """A new file that does not fit is removed; the old one goes only if the new one fits then."""
+    found = State()
+    found.apply(["set", "/a", pack(300 * "x")])
+    journal.begin(found)
+    before = kept_without_reading_on(tmp_path)
+    (tmp_path / "copy").unlink()
+    disk.size = (tmp_path / "journal").stat().st_size + 70 * step
+    found.apply(["set", "/a", pack(200 * "y")])
+    with suppress(OSError):
+        journal.keep(["set", "/a", pack(200 * "y")])
+    is_open = journal.is_open
+    with suppress(OSError):
+        journal.begin(found)
+    assert [path.name for path in tmp_path.iterdir()] == ["journal"], "nothing is left over"
+    assert journal.is_open, "it fits in the place of the old one, or the old one has the event"
+    disk.size = 10**9
+    assert kept(tmp_path / "journal") == known(found) != before
+    assert is_open == (step > 4)
+
+
+def test_a_file_that_misses_events_stays_while_nothing_fits_in_its_place(
+    journal: Journal, tmp_path: Path, disk: Disk
+):
+    """It is better than none."""
+    found = State()
+    journal.begin(found)
+    disk.size = (tmp_path / "journal").stat().st_size
+    found.apply(["set", "/a", pack(300 * "x")])
+    for work in (
+        partial(journal.keep, ["set", "/a", pack(300 * "x")]),
+        partial(journal.begin, found),
+    ):
+        with pytest.raises(OSError, match="No space left"):
+            work()
+        assert [path.name for path in tmp_path.iterdir()] == ["journal"]
+    assert not journal.is_open
+    assert kept(tmp_path / "journal") == known(State())
+
+
+def test_a_new_file_that_a_gate_has_left_is_removed(journal: Journal, tmp_path: Path):
+    (tmp_path / "journal.new").write_text("half")
+    assert journal.read() is None
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("text", ["", "no base64", base64.b64encode(b"no zlib").decode()])
@@ -252,8 +446,8 @@ def test_a_text_of_another_program_is_refused(text: str):
 
 
 def test_a_text_of_a_later_gate_is_read_as_far_as_it_goes(state: State):
-    lines = [*map(line_of, state.events()), '["from the future"]\n']
-    text = base64.b64encode(zlib.compress("".join(lines).encode())).decode()
+    lines = [*map(line_of, state.events()), b'["from the future"]\n']
+    text = base64.b64encode(zlib.compress(b"".join(lines))).decode()
     assert known(decompress(text)) == known(state)
 
 
@@ -267,8 +461,10 @@ class Place:
         self.kept = kept
         self.fails: list[Exception] = []
         self.writes = 0
+        self.taken: list[bool] = []
 
-    def read(self) -> str | None:
+    def read(self, *, takes_over: bool) -> str | None:
+        self.taken.append(takes_over)
         if self.fails:
             raise self.fails.pop(0)
         return self.kept
@@ -287,10 +483,34 @@ def place() -> Place:
     return Place()
 
 
-async def begin(journal: Journal, place: Place) -> Keeper:
+class Pauses:
+    """A keeper's pauses; each lasts until the test ends it."""
+
+    def __init__(self) -> None:
+        self.begun: list[float] = []
+        self._go = asyncio.Semaphore(0)
+
+    async def sleep(self, seconds: float) -> None:
+        self.begun.append(seconds)
+        await self._go.acquire()
+
+    async def until(self, number: int) -> None:
+        """Wait for a pause: what comes before it has been done, and nothing is done in it."""
+        while len(self.begun) < number:
+            await asyncio.sleep(0.001)
+
+    def end(self, number: int = 1) -> None:
+        for _ in range(number):
+            self._go.release()
+
+
+async def begin(
+    journal: Journal, place: Place, pauses: Pauses | None = None, **more: Any
+) -> Keeper:
     """Return a keeper that has found what is left."""
-    keeper = Keeper(journal, place)  # type: ignore[arg-type]
-    await keeper.begin()
+    sleep = pauses.sleep if pauses else asyncio.sleep
+    keeper = Keeper(journal, place, program.log, sleep)  # type: ignore[arg-type]
+    await keeper.begin(**more)
     return keeper
 
 
@@ -301,7 +521,7 @@ def keep(keeper: Keeper, event: Event) -> None:
 
 @run
 async def test_a_new_pod_finds_what_the_cluster_has(journal: Journal, place: Place, state: State):
-    place.kept = compress(state)
+    place.kept = packed(state)
 
     keeper = await begin(journal, place)
     assert known(keeper.state) == known(state)
@@ -316,7 +536,7 @@ async def test_the_file_of_the_pod_is_newer_than_the_cluster(
 ):
     """The cluster gets what it lacks: the gate was killed within the second."""
     journal.begin(state)
-    place.kept = compress(State())
+    place.kept = packed(State())
 
     keeper = await begin(journal, place)
     assert known(keeper.state) == known(state)
@@ -343,67 +563,62 @@ async def test_a_cluster_that_is_away_is_asked_for_a_while(
     journal: Journal,
     place: Place,
     state: State,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     *,
     failures: int,
     found: bool,
 ):
     """A gate that began with nothing would forget all nodes; but it begins in the end."""
-    monkeypatch.setattr(program, "PAUSE", 0.001)
-    place.kept = compress(state)
+    pauses = Pauses()
+    pauses.end(TRIES)
+    place.kept = packed(state)
     place.fails += [NotKept("the API server is away")] * failures
 
-    keeper = await begin(journal, place)
+    keeper = await begin(journal, place, pauses)
     assert known(keeper.state) == known(state if found else State())
     assert capsys.readouterr().out.count("cannot be read: the API server is away") == failures
 
 
-async def until_written(place: Place, times: int) -> None:
-    """Wait for writes, which a thread makes."""
-    while place.writes < times:
-        await asyncio.sleep(0.01)
-
-
 @run
-async def test_the_cluster_is_written_at_most_once_a_pause(
-    journal: Journal, place: Place, monkeypatch: pytest.MonkeyPatch
-):
-    """Many changes are one write."""
-    monkeypatch.setattr(program, "PAUSE", 0.05)
-
-    keeper = await begin(journal, place)
+async def test_the_cluster_is_written_at_most_once_a_pause(journal: Journal, place: Place):
+    """Many changes are one write; without a change there is none."""
+    pauses = Pauses()
+    keeper = await begin(journal, place, pauses)
     running = asyncio.ensure_future(keeper.run())
     for event in EVENTS:
         keep(keeper, event)
-    await until_written(place, 1)
-    await asyncio.sleep(0.1)
-    assert place.writes == 1, "nothing has changed since"
+    await pauses.until(1)
+    assert place.writes == 1
+    assert pauses.begun[0] >= PAUSE
     keep(keeper, ["run", "run 2"])
-    await until_written(place, 2)
-    running.cancel()
+    keep(keeper, ["run", "run 3"])
+    pauses.end()
+    await pauses.until(2)
+    assert place.writes == 2
     assert place.kept is not None
     assert known(decompress(place.kept)) == known(keeper.state)
+    pauses.end()
+    for _ in range(10):  # turns of the loop, in which nothing is to be done
+        await asyncio.sleep(0)
+    assert len(pauses.begun) == place.writes == 2, "nothing has changed since"
+    running.cancel()
 
 
 @run
 async def test_a_cluster_that_is_away_is_written_later(
-    journal: Journal,
-    place: Place,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    journal: Journal, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """A trouble is reported once, and its end."""
-    monkeypatch.setattr(program, "PAUSE", 0.01)
-
-    keeper = await begin(journal, place)
+    pauses = Pauses()
+    keeper = await begin(journal, place, pauses)
     place.fails += [NotKept("away")] * 3
     keep(keeper, EVENTS[0])
+    pauses.end(3)
     running = asyncio.ensure_future(keeper.run())
-    await until_written(place, 4)
-    await asyncio.sleep(0.1)
+    await pauses.until(4)
     running.cancel()
-    assert place.writes == 4, "written once, it is not written again"
+    assert place.writes == 4
+    assert not keeper._changed.is_set(), "written once, it is not written again"
     assert capsys.readouterr().out.splitlines() == [
         "gate: the memory is not kept in the cluster: away",
         "gate: the memory is kept in the cluster again",
@@ -421,29 +636,152 @@ async def test_a_gate_that_is_overtaken_writes_no_more(
     for _ in range(2):
         keep(keeper, EVENTS[0])
         await keeper.save()
-    await asyncio.wait_for(keeper.run(), 1)
+    await asyncio.wait_for(keeper._run_cluster(), 60)
     assert place.writes == 1
     assert "the gate of pod b writes now" in capsys.readouterr().out
 
 
+def noise(size: int) -> str:
+    """Return a text that does not become smaller."""
+    return base64.b64encode(random.Random(size).randbytes(size)).decode()
+
+
 @run
-async def test_a_memory_that_is_too_large_is_not_written(
+async def test_a_memory_that_is_too_large_is_tried_again_after_a_change_only(
+    journal: Journal, place: Place, capsys: pytest.CaptureFixture[str]
+):
+    """The API server would refuse it. Less and less often, until it fits again."""
+    why = f"the memory is not kept in the cluster: it has more than {LARGEST} bytes, compressed"
+    pauses = Pauses()
+    keeper = await begin(journal, place, pauses)
+    keep(keeper, ["set", "/a", pack(noise(LARGEST))])
+    running = asyncio.ensure_future(keeper.run())
+    for number in range(1, 9):
+        await pauses.until(number)
+        assert not keeper._changed.is_set()
+        keep(keeper, ["set", "/b", pack(number)])
+        pauses.end()
+    await pauses.until(9)
+    assert keeper.list_troubles() == [why]
+    assert place.writes == 0
+    assert all(two >= min(1.9 * one, LONGEST_PAUSE) for one, two in pairwise(pauses.begun))
+    assert capsys.readouterr().out == f"gate: {why}\n", "one line, whatever size it has"
+    keep(keeper, ["delete", "/a"])
+    pauses.end()
+    await pauses.until(10)
+    running.cancel()
+    assert keeper.list_troubles() == []
+    assert place.kept is not None
+    assert known(decompress(place.kept)) == known(keeper.state)
+
+
+def test_a_memory_that_is_too_large_is_not_compressed_to_its_end(state: State):
+    """It would cost a third of a core, again and again."""
+    state.apply(["set", "/big", pack({f"a{number}": noise(50_000) for number in range(100)})])
+    left = iter(state.events())
+    with pytest.raises(TooLarge, match="more than 100000 bytes"):
+        compress(left, 100_000)
+    assert sum(event[0] == "set" for event in left) > 90
+
+
+# -- file or cluster --
+
+
+@pytest.mark.parametrize("newer", ["file", "cluster"])
+@run
+async def test_the_copy_with_the_higher_revision_counts(
+    journal: Journal, tmp_path: Path, place: Place, state: State, newer: str
+):
+    """A file on a disk that was full is older than the cluster's copy, and must not replace it."""
+    journal.begin(state)
+    place.kept = packed(state)
+    more: Event = ["set", "/late", pack(1)]
+    state.apply(more)
+    if newer == "file":
+        journal.keep(more)
+    else:
+        place.kept = packed(state)
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state) == kept(tmp_path / "journal")
+    assert keeper.state.revision == state.revision
+    assert place.taken == [False], "the pod that writes is another question"
+    await keeper.save()
+    assert known(decompress(place.kept)) == known(state)
+
+
+@run
+async def test_a_file_is_used_if_the_cluster_does_not_answer_in_time(
     journal: Journal,
     place: Place,
+    state: State,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    """The API server would refuse it."""
-    monkeypatch.setattr(program, "LARGEST", 10)
-    why = "the memory is not kept in the cluster: it has more than 10 bytes, compressed"
+    """A robot without a network must not wait long for its gate."""
+    monkeypatch.setattr(keepers, "PATIENCE", 0.01)
+    journal.begin(state)
+    going = threading.Event()
+    place.read = lambda **_: going.wait(60) and None  # type: ignore[method-assign]
+    try:
+        keeper = await begin(journal, place)
+        assert not going.is_set()
+    finally:
+        going.set()
+    assert known(keeper.state) == known(state)
+    assert "cannot be compared with the file of the pod: no answer" in capsys.readouterr().out
 
+
+@pytest.mark.parametrize("old", ["file", "cluster", "both"])
+@run
+async def test_copies_of_gates_without_revisions_are_read(
+    journal: Journal, tmp_path: Path, place: Place, state: State, old: str
+):
+    """Their file counts, as it did."""
+    lines = [line_of(event) for event in state.events() if event[0] != "revision"]
+    text = base64.b64encode(zlib.compress(b"".join(lines))).decode()
+    assert read_revision(text) == 0
+    assert known(decompress(text)) == known(state)
+    (tmp_path / "journal").write_bytes(b"".join(lines))
+    place.kept = packed(State()) if old == "file" else text
+    if old == "cluster":
+        journal.begin(state)
     keeper = await begin(journal, place)
-    for event in EVENTS:
-        keep(keeper, event)
-        await keeper.save()
-    assert keeper.list_troubles() == [why]
-    assert place.writes == 0
-    assert capsys.readouterr().out == f"gate: {why}\n", "one line, whatever size it has"
+    assert known(keeper.state) == known(state)
+
+
+@pytest.mark.parametrize("text", ["no base64", base64.b64encode(b"no zlib").decode()])
+@run
+async def test_a_damaged_copy_in_the_cluster_leaves_the_file(
+    journal: Journal, place: Place, state: State, text: str
+):
+    journal.begin(state)
+    place.kept = text
+    keeper = await begin(journal, place)
+    assert known(keeper.state) == known(state)
+
+
+@run
+async def test_a_file_with_which_gates_were_killed_is_not_read(
+    journal: Journal,
+    tmp_path: Path,
+    place: Place,
+    state: State,
+    capsys: pytest.CaptureFixture[str],
+):
+    """The cluster's copy counts, even an older one; the gate says so as long as it runs."""
+    place.kept = packed(state)
+    later = replay(map(line_of, state.events()))
+    later.apply(["set", "/late", pack(1)])
+    journal.begin(later)
+    keeper = await begin(journal, place, without_file=True)
+    assert known(keeper.state) == known(state) == kept(tmp_path / "journal")
+    why = "the file of the pod is not used: the gate was killed whenever it began with it"
+    assert keeper.notes == [why]
+    assert capsys.readouterr().out == f"gate: {why}\n"
+    assert place.taken == [False]
+
+
+# -- a disk that is full --
 
 
 @run
@@ -451,18 +789,27 @@ async def test_a_full_disk_does_not_stop_the_gate(
     tmp_path: Path, place: Place, capsys: pytest.CaptureFixture[str]
 ):
     """The cluster still keeps everything; the trouble is reported once."""
+    pauses = Pauses()
     journal = Journal(tmp_path / "not there" / "journal")
-
-    keeper = await begin(journal, place)
+    keeper = await begin(journal, place, pauses)
     for event in EVENTS:
         keep(keeper, event)
     await keeper.save()
     assert place.kept is not None
     assert known(decompress(place.kept)) == known(keeper.state)
+    running = asyncio.ensure_future(keeper._run_file())
+    for number in range(1, 8):
+        await pauses.until(number)
+        pauses.end()
+    await pauses.until(8)
+    assert pauses.begun == [1, 2, 4, 8, 16, 32, 60, 60]
     (tmp_path / "not there").mkdir()
-    keep(keeper, EVENTS[0])
+    pauses.end()
+    while keeper.list_troubles():
+        await asyncio.sleep(0.001)
+    running.cancel()
     assert kept(tmp_path / "not there" / "journal") == known(keeper.state)
-    journal._close()
+    memory.close(journal._file)
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 2
     assert out[0].startswith("gate: the memory is not kept in the file of the pod: ")

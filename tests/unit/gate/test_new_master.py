@@ -119,6 +119,26 @@ async def test_a_new_master_learns_publishers_first(world: World) -> None:
 
 
 @play
+async def test_a_new_master_gets_large_parameters_in_parts(world: World) -> None:
+    """One request with all of them would not fit into the gate's memory, twice."""
+    for number in range(20):
+        name = f"/maps/{number}" if number % 2 else f"/map{number}"
+        await world.call(Call("setParam", ("/tool", name, 300_000 * str(number % 10))))
+    before = world.master_now
+    calls = note_calls(world)
+    world.kill_master()
+    world.start_master()
+    await look_up(world)
+    assert before is not None
+    assert world.master_now is not None
+    for name in before.parameters.own():
+        assert world.master_now.parameters.get(name) == before.parameters.get(name)
+    sizes = [len(call.body) for call in calls if call.method == "system.multicall"]
+    assert max(sizes) < 1.5 * 2**20
+    assert len(sizes) < 15
+
+
+@play
 async def test_a_new_masters_own_parameters_stay(world: World) -> None:
     for key in ("/rosdistro", "/rosversion", "/roslaunch/uris/a", "/run_id"):
         await world.call(Call("setParam", ("/roscore", key, "old")))

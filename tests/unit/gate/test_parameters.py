@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import random
 import xmlrpc.client
 from typing import Any
 
 import pytest
 
-from rigel_gate.parameters import Parameters, leaves
+from rigel_gate.parameters import Parameters, leaves, size_of
 from rigel_gate.recovery import find_lost_parameters, is_same_node, list_refusals
 from rigel_gate.registry import (
     PARAMETER,
@@ -62,6 +63,17 @@ def test_delete(key: str, expected: dict[str, Any]):
     found = tree(("/a", {"b": 1, "c": 2}), ("/d", 3))
     found.delete(key)
     assert found.tree == expected
+
+
+def test_the_size_of_a_tree_follows_its_changes():
+    """Whatever replaces what."""
+    chance, found = random.Random(1), Parameters()
+    for _ in range(2000):
+        key = "".join(chance.choices(["/a", "/b", "/long"], k=chance.randrange(4)))
+        value = chance.choice([1, "text", {}, {"a": {"b": 1000 * "x"}}, [[1], "x"], b"0"])
+        found.delete(key) if chance.random() < 0.3 else found.set(key, value)
+        assert found.size == size_of(found.tree)
+    assert size_of({"a": xmlrpc.client.Binary(5000 * b"0")}) > 5000
 
 
 def test_get():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -37,6 +38,14 @@ def early():
     return worker
 os.fork = early
 from rigel_gate.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+#: Kills each worker that reads the file, as the kernel does for want of memory.
+DEADLY = """
+import os, signal, sys
+from rigel_gate.__main__ import main
+from rigel_gate.memory import Journal
+Journal.read = lambda self: os.kill(os.getpid(), signal.SIGKILL)
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -168,6 +177,22 @@ def test_a_worker_that_is_killed_is_back(begin: Callable[..., Running], graph: R
     assert gate.end() == 0
     again = "gate: started again (the worker ended with status 9)\n"
     until(lambda: gate.lines.count(again) == 2, f"two lines of {again}")
+
+
+def test_a_file_with_which_no_worker_can_start_is_given_up(begin: Callable[..., Running]):
+    """After three of them; or nothing would answer until a person deletes the pod."""
+    gate = begin(code=DEADLY)
+    wait_for(gate)
+    with gate.proxy as proxy:
+        notes = json.loads(proxy.rigelDescribeGate("/tool")[2])["notes"]
+    assert len(notes) == 1
+    assert notes[0].startswith("the file of the pod is not used: ")
+    again = [line for line in gate.lines if "started again" in line]
+    assert len(again) == 3
+    os.kill(gate.worker(), signal.SIGKILL)
+    until(lambda: len([x for x in gate.lines if "started again" in x]) == 4 + 3, "more starts", 60)
+    wait_for(gate)
+    assert gate.end() == 0
 
 
 def test_a_worker_that_is_told_to_end_at_its_start_ends(begin: Callable[..., Running]):

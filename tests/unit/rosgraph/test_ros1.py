@@ -219,6 +219,7 @@ GATE = {
     "blocked": "the new master cannot be given its registrations",
     "refused": ["service /ask of /talker at http://10.0.0.2:1/: bug"],
     "unkept": ["the memory is not kept in the cluster: away"],
+    "notes": ["12 connections were refused"],
 }
 
 
@@ -267,8 +268,17 @@ def test_a_gate_is_asked_in_its_pod() -> None:
         blocked="the new master cannot be given its registrations",
         refused=("service /ask of /talker at http://10.0.0.2:1/: bug",),
         unkept=("the memory is not kept in the cluster: away",),
+        notes=("12 connections were refused",),
     )
     assert cluster.pods == ["ros-master-1"]
+
+
+@pytest.mark.usefixtures("answering")
+def test_an_earlier_gate_has_no_notes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(GATE, "notes")
+    found = read_gate(MasterCluster("ros-master", "gate"), RELEASE)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.notes == ()
 
 
 def test_a_master_without_a_gate_is_not_asked() -> None:

@@ -15,7 +15,6 @@ import signal
 import socket
 import sys
 import time
-from collections import Counter
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -24,7 +23,7 @@ from typing import Any, Awaitable
 from rigel_gate.calls import Answer, Call
 from rigel_gate.cluster import ClusterObject
 from rigel_gate.gate import Gate
-from rigel_gate.http import LARGEST_HEAD, Door, HttpLinks
+from rigel_gate.http import LARGEST_HEAD, Callers, Door, HttpLinks
 from rigel_gate.keeper import Keeper
 from rigel_gate.memory import Journal
 
@@ -32,6 +31,8 @@ from rigel_gate.memory import Journal
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 #: Characters of a line of the log.
 LINE = 2000
+#: Seconds after which a thread that reads a large call lets others be answered.
+SWITCH = 0.001
 #: Seconds that a worker must live for the next one to start at once.
 SHORT = 1.0
 #: Seconds after which a worker without a master has started; how many may end before.
@@ -55,16 +56,18 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace, start
     links = HttpLinks(options.master_port)
     own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or socket.gethostname()
     uri = f"http://{own}:{options.port}/"
-    gate = Gate(
-        keeper.state, links, uri, keeper.keep, log, keeper.list_troubles, lambda: keeper.notes
-    )
-    ended = asyncio.Event()
     loop = asyncio.get_running_loop()
+    callers = Callers(log, loop)
+
+    def list_notes() -> list[str]:
+        return keeper.notes + callers.list_notes()
+
+    gate = Gate(keeper.state, links, uri, keeper.keep, log, keeper.list_troubles, list_notes)
+    ended = asyncio.Event()
     for number in SIGNALS:
         loop.add_signal_handler(number, ended.set)
     loop.set_exception_handler(FailureLog())
     gate.start()
-    callers: Counter[str] = Counter()
 
     def answering(call: Call, host: str, *, hands_over: bool) -> Awaitable[Answer]:
         return gate.answer(call, hands_over=hands_over, host=host)
@@ -173,6 +176,7 @@ def work(sockets: list[socket.socket], options: argparse.Namespace, start: Start
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+        sys.setswitchinterval(SWITCH)
         asyncio.run(serve(sockets, options, start))
         code = 0
     except Exception as error:

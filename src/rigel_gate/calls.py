@@ -19,6 +19,9 @@ _BLANK = re.compile(rb"\s+|<\?.*?\?>|<!--.*?-->", re.DOTALL)
 _CALL = re.compile(rb"<methodCall(?:\s[^<>]*)?>")
 _METHOD = re.compile(rb"<methodName\s*>\s*([\w.:/]+)\s*</methodName\s*>")
 _OTHER_METHOD = re.compile(rb"</[^<>]*methodName\s*>")
+#: Bytes of a call, and of an answer, above which it is read and written in a thread: tiny values
+#: take 10 ms there.
+LARGE = 2**18
 #: The caller's name in the gate's own calls to masters and nodes.
 GATE = "/rigel_k8s_gate"
 #: What the gate answers itself, for probes and stop hooks of pods and for `rigel`.
@@ -58,18 +61,25 @@ class Call:
     Attributes:
         method: its name.
         body: the call as XML.
+        is_large: it is read in a thread; so is what is made of its arguments.
     """
 
     def __init__(
-        self, method: str, params: tuple[Any, ...] | None = None, body: bytes | None = None
+        self,
+        method: str,
+        params: tuple[Any, ...] | None = None,
+        body: bytes | None = None,
+        *,
+        is_large: bool = False,
     ) -> None:
         self.method = method
-        self._params = params
+        self.is_large = is_large
+        self._params: tuple[Any, ...] | BadCall | None = params
         self._body = body
 
     @classmethod
     def read(cls, body: bytes) -> Call:
-        """Return the call that an XML document makes; only its method is looked at.
+        """Return the call that an XML document makes; of a small one only its method is looked at.
 
         roscore, which reads the same document, must find the same method: of several elements it
         would take the last one.
@@ -78,23 +88,31 @@ class Call:
         found = _read_tag(_METHOD, body, _read_tag(_CALL, body, 0).end())
         if body.find(b"methodName", found.end()) > 0 and _OTHER_METHOD.search(body, found.end()):
             raise BadCall("more than one methodName")
-        return cls(found.group(1).decode(), body=body)
+        call = cls(found.group(1).decode(), body=body, is_large=len(body) > LARGE)
+        if call.is_large:
+            call._read_params()
+        return call
 
     @property
     def params(self) -> tuple[Any, ...]:
         """Its arguments."""
-        if self._params is None:
-            try:
-                self._params = xmlrpc.client.loads(self._body or b"")[0]
-            except Exception as error:  # expat's errors, and those of malformed values
-                raise BadCall(str(error)) from error
+        found = self._read_params() if self._params is None else self._params
+        if isinstance(found, BadCall):
+            raise found
+        return found
+
+    def _read_params(self) -> tuple[Any, ...] | BadCall:
+        try:
+            self._params = xmlrpc.client.loads(self._body or b"")[0]
+        except Exception as error:  # expat's errors, and those of malformed values
+            self._params = BadCall(str(error))
         return self._params
 
     @property
     def body(self) -> bytes:
         """The call as XML."""
         if self._body is None:
-            text = xmlrpc.client.dumps(self._params or (), self.method, allow_none=True)
+            text = xmlrpc.client.dumps(self.params, self.method, allow_none=True)
             self._body = text.encode("utf-8")
         return self._body
 

@@ -52,10 +52,10 @@ class Context:
         self.state.apply(list(event))
         self._keep(list(event))
 
-    def note_value(self, name: str, value: Any, packed: str) -> None:
-        """Change a parameter and keep the event, with a value that no one has to unpack."""
-        self.state.set_parameter(name, value)
-        self._keep(["set", name, packed])
+    def note_value(self, event: Event, value: Any, size: int) -> None:
+        """Keep the event of a parameter, whose value need not be unpacked and measured."""
+        self.state.set_parameter(event[1], value, size)
+        self._keep(event)
 
     def spawn(self, work: Coroutine[Any, Any, Any]) -> None:
         """Run a coroutine in the background; a failure is logged."""

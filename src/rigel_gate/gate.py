@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import json
 from functools import partial
-from typing import Any, Callable
+from typing import Any, Callable, TypeVar
 
 from rigel_gate.calls import (
     DESCRIBE_GATE,
     DESCRIBE_POD,
     HAND_OVER,
+    LARGE,
     Answer,
     BadCall,
     Call,
@@ -29,16 +30,18 @@ from rigel_gate.links import Links
 from rigel_gate.master import Master
 from rigel_gate.newcomers import Newcomers
 from rigel_gate.nodes import Nodes
-from rigel_gate.parameters import LARGEST_TREE, Parameters, size_of
+from rigel_gate.parameters import LARGEST_TREE, Parameters, copy_tree, size_of
 from rigel_gate.registry import Registration, host_of, resolve_name
 from rigel_gate.restoring import Restoring
-from rigel_gate.state import Event, State, pack, unpack
+from rigel_gate.state import Event, State, WrittenEvent, pack, unpack
 from rigel_gate.takeover import TakeOver
 
 #: Seconds between two checks of the nodes that wait for a name and of those that have it.
 LOOK = 0.25
 #: Bytes that the answers to the calls of one `system.multicall` may have together.
-LARGEST = 64 * 2**20
+LARGEST = 16 * 2**20
+
+T = TypeVar("T")
 
 
 class Gate:
@@ -120,7 +123,10 @@ class Gate:
         answers: list[Any] = []
         size = 0
         try:
-            calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
+            calls = [
+                Call(one["methodName"], tuple(one["params"]), is_large=call.is_large)
+                for one in call.params[0]
+            ]
         except (BadCall, LookupError, TypeError):
             return await self._master.ask(call)
         for one in calls:
@@ -128,8 +134,14 @@ class Gate:
             size += len(answer.body)
             if size > LARGEST:
                 return fault(f"the answers have more than {LARGEST} bytes")
-            answers.append([answer.value])
-        return Answer(answers)
+            read = partial(getattr, answer, "value")
+            answers.append([await self._in_thread(read, is_large=len(answer.body) > LARGE)])
+        made = Answer(answers)
+        await self._in_thread(partial(getattr, made, "body"), is_large=size > LARGE)
+        return made
+
+    async def _in_thread(self, work: Callable[[], T], *, is_large: bool) -> T:
+        return await self._context.links.compute(work) if is_large else work()
 
     async def _find_service(self, call: Call, host: str) -> Answer:
         """Return where a pod that hands over finds a service: first in the pod itself."""
@@ -212,19 +224,25 @@ class Gate:
     async def _set_parameter(self, call: Call) -> Answer:
         """Set a parameter, unless it is one that could not be given to the next master."""
         node, key = call.texts(2)
-        name, value = resolve_name(key, node), call.params[2]
+        name = resolve_name(key, node)
+        work = partial(prepare, call, name)
         try:
-            packed = pack(value)
-            value = unpack(packed)
-            Parameters().set(name, value)
+            event, value, size = await self._in_thread(work, is_large=call.is_large)
         except Exception as error:  # of xmlrpc.client: a large number, a date that is none
             return fault(f"{name} cannot be set: {error!r}")
-        known = self.state.parameters
-        if known.size - size_of(known.get(name)) + size_of(value) > LARGEST_TREE:
+        if self.state.parameters.size + size > LARGEST_TREE and not await self._fits(name, size):
             return fault(f"{name} cannot be set: all parameters have at most {LARGEST_TREE} bytes")
-        return await self._change_parameter(
-            call, name, partial(self._context.note_value, name, value, packed)
-        )
+        note = partial(self._context.note_value, event, value, size)
+        return await self._change_parameter(call, name, note)
+
+    async def _fits(self, name: str, size: int) -> bool:
+        """Count the parameters; return whether they may have a value of this size, too."""
+        known = self.state.parameters
+        tree, before = copy_tree(known.tree), known.size
+        counted = await self._context.links.compute(partial(size_of, tree))
+        replaced = await self._context.links.compute(partial(size_of, known.get(name)))
+        known.size += counted - before
+        return known.size - replaced + size <= LARGEST_TREE
 
     async def _change_parameter(self, call: Call, name: str, note: Callable[[], None]) -> Answer:
         async with self._context.turn:
@@ -270,3 +288,18 @@ class Gate:
 def answer_removal(removal: Removal) -> Answer:
     """Return what the master answers when it has removed a registration."""
     return Answer.good(f"Unregistered [{removal.node}]", 1)
+
+
+def prepare(call: Call, name: str) -> tuple[Event, Any, int]:
+    """Return the event of a `setParam`, its value as a later gate reads it, and its size.
+
+    Raises whatever keeps it from being read or written again.
+    """
+    packed = pack(call.params[2])
+    value = unpack(packed)
+    Parameters().set(name, value)
+    event: Event = ["set", name, packed]
+    if call.is_large:
+        event = WrittenEvent(event)
+        _ = call.body  # which is made here
+    return event, value, size_of(value)

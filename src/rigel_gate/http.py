@@ -6,9 +6,11 @@ import asyncio
 import errno
 import re
 import time
-from typing import Awaitable, Callable, Counter, TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Awaitable, Callable, Counter, Protocol, TypeVar
 
-from rigel_gate.calls import Answer, BadCall, Call, fault
+from rigel_gate.calls import LARGE, Answer, BadCall, Call, fault
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
 
 #: Bytes of a head, and of a body, above which a connection is closed.
@@ -20,10 +22,17 @@ LARGEST_OF_NODE, LARGEST_OF_MASTER = 2**20, 64 * 2**20
 IDLE = 60.0
 #: How many connections one address may have: all nodes of a machine, with host networking.
 MOST_OF_ONE = 512
+#: How many more may say that they are a probe, and the seconds that they have for it.
+MOST_GUESTS, HASTE = 2048, 2.0
+#: Seconds between two lines about refused connections, and for how long `describe` has them.
+REPORTS, NOTED = 60.0, 600.0
 #: What a probe requests: a worker that answers it serves others, too, with or without a master.
 READY = "GET /ready "
 #: What `connect` fails with if a machine answers that no process listens.
 REFUSED = (errno.ECONNREFUSED, errno.ECONNRESET)
+
+#: Where large calls are read, one after the other: each takes several times its size of memory.
+THREAD = ThreadPoolExecutor(1)
 
 T = TypeVar("T")
 #: Answers a call; its second argument is the address that it came from.
@@ -34,69 +43,164 @@ class BadRequest(Exception):
     """A request that is answered without a call, and ends its connection; the status."""
 
 
+class Clock(Protocol):
+    """A loop's own clock."""
+
+    def time(self) -> float:
+        """Return seconds."""
+
+    def call_later(self, delay: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
+        """Call a function after some seconds."""
+
+
+class Callers:
+    """How many connections each address has, at all doors, and how many were refused.
+
+    Args:
+        log: called with a line for people to read.
+    """
+
+    def __init__(self, log: Callable[[str], None], clock: Clock) -> None:
+        self.clock = clock
+        self._log = log
+        self._open: Counter[str] = Counter()
+        self._refused: dict[str, tuple[int, float]] = {}  # how many, and when the last one
+        self._unreported: Counter[str] = Counter()
+        self._waits = False  # for the next line
+
+    def enter(self, host: str) -> int:
+        """Note a new connection; return how many its address has."""
+        self._open[host] += 1
+        return self._open[host]
+
+    def leave(self, host: str) -> None:
+        """Note that a connection has ended."""
+        self._open[host] -= 1
+        if not self._open[host]:
+            del self._open[host]
+
+    def refuse(self, host: str) -> None:
+        """Note a refused connection; log it now, or with others a minute after the last line."""
+        self._refused[host] = (self._refused.get(host, (0, 0.0))[0] + 1, self.clock.time())
+        self._unreported[host] += 1
+        if not self._waits:
+            self._report()
+
+    def _report(self) -> None:
+        self._waits = bool(self._unreported)
+        if self._waits:
+            found = ", ".join(f"{n} of {host}" for host, n in self._unreported.most_common(5))
+            self._log(f"refused connections: {found}; an address has at most {MOST_OF_ONE}")
+            self._unreported.clear()
+            self.clock.call_later(REPORTS, self._report)
+
+    def list_notes(self) -> list[str]:
+        """Return which addresses were refused connections lately."""
+        late = self.clock.time() - NOTED
+        self._refused = {host: one for host, one in self._refused.items() if one[1] >= late}
+        return [
+            f"the gate has refused {count} connections of {host}, which has {MOST_OF_ONE} already"
+            for host, (count, _) in self._refused.items()
+        ]
+
+
 class Door:
     """Answers the calls of callers: of each connection one after the other.
 
     It reads no further while a call is answered or answers wait to be read.
 
     Args:
-        callers: how many connections each address has; shared by all doors.
+        callers: shared by all doors.
     """
 
-    def __init__(self, answering: Answering, callers: Counter[str]) -> None:
+    def __init__(self, answering: Answering, callers: Callers) -> None:
         self._answering = answering
         self._callers = callers
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer until either side ends the connection; a call in progress is carried out."""
         host = (writer.get_extra_info("peername") or ("",))[0]  # None if it is closed already
-        self._callers[host] += 1
+        count = self._callers.enter(host)
         try:
-            if self._callers[host] <= MOST_OF_ONE:
+            if count <= MOST_OF_ONE:
                 await self._answer_calls(host, reader, writer)
+            elif count > MOST_OF_ONE + MOST_GUESTS or not await self._is_probe(reader, writer):
+                self._callers.refuse(host)
+                say(writer, "503 Service Unavailable")
+            else:
+                say(writer, "200 OK")
         except (EOFError, OSError):
             pass  # the caller has ended it
         finally:
-            self._callers[host] -= 1
-            if not self._callers[host]:
-                del self._callers[host]
+            self._callers.leave(host)
             writer.close()
             if writer.transport.get_write_buffer_size():
-                _limit(writer)
+                self._limit(writer)
+
+    async def _is_probe(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
+        """Return whether a connection is a probe's: the kubelet has the address of a machine."""
+        ending = self._callers.clock.call_later(HASTE, reader.feed_eof)
+        try:
+            return (await _read_head(reader))[0].startswith(READY)
+        except (EOFError, asyncio.LimitOverrunError):
+            return False
+        finally:
+            ending.cancel()
 
     async def _answer_calls(
         self, host: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         stays = True
         while stays:
-            ending = _limit(writer)
+            ending = self._limit(writer)
             try:
                 await writer.drain()
                 stays, body = await _read_request(reader)
             except BadRequest as refusal:
-                writer.write(
-                    f"HTTP/1.1 {refusal}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode()
-                )
+                say(writer, str(refusal))
                 return
             finally:
                 ending.cancel()
             text = await self._answer(body, host)
             more = "" if stays else "Connection: close\r\n"
             head = f"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\n{more}"
-            writer.write(f"{head}Content-Length: {len(text)}\r\n\r\n".encode() + text)
+            ending = self._limit(writer)
+            try:
+                await send(writer, f"{head}Content-Length: {len(text)}\r\n\r\n", text)
+            finally:
+                ending.cancel()
 
     async def _answer(self, body: bytes, host: str) -> bytes:
         try:
-            return (await self._answering(Call.read(body), host)).body
+            read = partial(Call.read, body)
+            call = read() if len(body) <= LARGE else await compute(read)
+            return (await self._answering(call, host)).body
         except BadCall as error:
             return fault(str(error)).body
         except Exception as error:
             return fault(f"the gate failed: {error!r}").body
 
+    def _limit(self, writer: asyncio.StreamWriter) -> asyncio.TimerHandle:
+        """End a connection after IDLE."""
+        return self._callers.clock.call_later(IDLE, writer.transport.abort)
 
-def _limit(writer: asyncio.StreamWriter) -> asyncio.TimerHandle:
-    """End a connection after IDLE."""
-    return asyncio.get_running_loop().call_later(IDLE, writer.transport.abort)
+
+async def send(writer: asyncio.StreamWriter, head: str, body: bytes) -> None:
+    """Send a request or an answer in pieces; the last piece may still be on its way."""
+    writer.write(head.encode() + body[:LARGE])
+    for start in range(LARGE, len(body), LARGE):
+        await writer.drain()
+        writer.write(body[start : start + LARGE])
+
+
+def say(writer: asyncio.StreamWriter, status: str) -> None:
+    """Answer with a status alone; the connection ends."""
+    writer.write(f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode())
+
+
+async def compute(work: Callable[[], T]) -> T:
+    """Return what a function returns that takes long, in one thread; others are answered."""
+    return await asyncio.get_running_loop().run_in_executor(THREAD, work)
 
 
 async def _read_request(reader: asyncio.StreamReader) -> tuple[bool, bytes]:
@@ -158,7 +262,7 @@ class Connection:
             largest: bytes of an answer that is refused unread if it has more.
         """
         head = f"POST / HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/xml\r\n"
-        self._writer.write(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        await send(self._writer, f"{head}Content-Length: {len(body)}\r\n\r\n", body)
         try:
             first, fields = await _read_head(self._reader)
         except asyncio.LimitOverrunError as error:
@@ -248,6 +352,10 @@ class HttpLinks:
             (await Connection.open(*place_of(api))).close()
 
         await _in_time(knock(), seconds)
+
+    async def compute(self, work: Callable[[], T]) -> T:
+        """Return what a function returns; others are answered meanwhile."""
+        return await compute(work)
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""

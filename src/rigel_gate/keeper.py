@@ -76,6 +76,7 @@ class Keeper:
             self._log(
                 f"{self.state.left_out} lines of the memory cannot be read: they are left out"
             )
+        self.state.parameters.count()
         if self.state is found and not found.left_out:
             try:
                 self._journal.resume()
@@ -196,6 +197,8 @@ class Keeper:
         """Write the state to the file; return whether it has been."""
         try:
             await in_thread(partial(self._journal.write, self._journal.draft(self.state)))
+            while self._journal.is_behind:
+                await in_thread(partial(self._journal.catch_up, self._journal.take_tail()))
             self._journal.finish()
         except OSError as error:  # such as a full disk
             if not self._journal.is_open:

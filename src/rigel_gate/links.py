@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Callable, Protocol, TypeVar
 
 from rigel_gate.calls import Answer, Call
+
+T = TypeVar("T")
 
 
 class MasterGone(Exception):
@@ -33,6 +35,9 @@ class Links(Protocol):
 
     async def connect(self, api: str, seconds: float) -> None:
         """Return when a node's address accepts a connection; raises NodeGone and NodeSilent."""
+
+    async def compute(self, work: Callable[[], T]) -> T:
+        """Return what a function returns that takes long; calls are answered meanwhile."""
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""

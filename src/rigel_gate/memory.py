@@ -11,7 +11,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Iterable, Iterator
 
-from rigel_gate.state import REVISION, Event, State, check
+from rigel_gate.state import REVISION, Event, State, check, line_of
 
 #: Events after a state in the file after which it is rewritten, and bytes: as many as the state
 #: has, and these. So the file has at most twice the state, and this.
@@ -20,7 +20,8 @@ LINES, ROOM = 20000, 4 * 2**20
 LARGEST_TAIL = 32 * 2**20
 #: Bytes of a line: more than that of any event, which is a call of the largest size.
 LONGEST = 2**27
-#: Bytes of a text from the cluster that are decompressed at once.
+#: Bytes of a text from the cluster that are decompressed at once, and of events that are written
+#: at once.
 PIECE = 2**20
 
 
@@ -33,7 +34,7 @@ class Journal:
 
     The file survives the program but not the machine, so nothing waits for a disk. From time to
     time a state is written beside it, in a thread perhaps, and takes its place: `draft` what is to
-    be written, `write` it, `finish`. Events that come meanwhile are written to both.
+    be written, `write` it, `catch_up`, `finish`. Events that come meanwhile are written to both.
 
     Args:
         path: in a directory that lives as long as the pod.
@@ -45,6 +46,7 @@ class Journal:
         self._file: FileIO | None = None
         self._fresh: FileIO | None = None
         self._tail: bytearray | None = None  # the events since the draft
+        self._tail_lines = 0
         self._lines, self._size, self._base = 0, 0, 0
 
     @property
@@ -87,6 +89,7 @@ class Journal:
         line = line_of(event)
         if self._tail is not None:
             self._tail += line
+            self._tail_lines += 1
             if len(self._tail) > LARGEST_TAIL:
                 self._tail = None
         if self._file is None:
@@ -107,7 +110,7 @@ class Journal:
 
     def draft(self, state: State) -> Iterable[Event]:
         """Return what `write` takes: the state as it is now."""
-        self._tail = bytearray()
+        self._tail, self._tail_lines = bytearray(), 0
         return state.events()
 
     def write(self, events: Iterable[Event]) -> None:
@@ -120,6 +123,21 @@ class Journal:
             self._path.unlink()  # it is missing events anyway
             self._write(events)
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether `write` has missed so many events that others would notice `finish`."""
+        return len(self._tail or b"") > PIECE
+
+    def take_tail(self) -> bytearray:
+        """Return what `catch_up` takes: the events that `write` has missed."""
+        tail, self._tail = self._tail or bytearray(), bytearray()
+        return tail
+
+    def catch_up(self, tail: bytearray) -> None:
+        """Write events behind what `write` has written; raises OSError."""
+        if self._fresh is not None:
+            write_all(self._fresh, tail)
+
     def finish(self) -> None:
         """Let what `write` has written take the file's place; raises OSError."""
         fresh, tail = self._fresh, self._tail
@@ -128,15 +146,14 @@ class Journal:
             self._drop(fresh)
             raise OSError("more events come than can be written")
         try:
-            base = fresh.tell()
             write_all(fresh, tail)
             self._beside.replace(self._path)
         except OSError:
             self._drop(fresh)
             raise
         close(self._file)
-        self._file, self._base, self._size = fresh, base, fresh.tell()
-        self._lines = tail.count(b"\n")
+        self._file, self._size = fresh, fresh.tell()
+        self._lines = self._tail_lines
 
     def _write(self, events: Iterable[Event]) -> None:
         fresh = self._beside.open("wb", buffering=0)
@@ -146,7 +163,7 @@ class Journal:
         except OSError:
             self._drop(fresh)
             raise
-        self._fresh = fresh
+        self._fresh, self._base = fresh, fresh.tell()
 
     def _drop(self, fresh: FileIO | None) -> None:
         close(fresh)
@@ -174,11 +191,6 @@ def close(file: FileIO | None) -> None:
     if file is not None:
         with suppress(OSError):
             file.close()
-
-
-def line_of(event: Event) -> bytes:
-    """Return an event as a line."""
-    return json.dumps(event, ensure_ascii=False).encode("utf-8", "surrogatepass") + b"\n"
 
 
 def replay(lines: Iterable[str | bytes]) -> State:

@@ -8,12 +8,14 @@ from typing import Any, Iterator
 #: Levels of names and values. Python's reader and writer of XML-RPC, here and in roscore, call
 #: themselves for each level, a few hundred times at most.
 DEEPEST = 100
-#: Bytes of memory that all parameters may take. With these the gate starts in its 256 MiB.
-LARGEST_TREE = 64 * 2**20
-#: Bytes of memory of an entry of a namespace, without its name and its value.
-ENTRY = 150
-#: Bytes of memory above which a namespace is written and sent in pieces.
-PIECE = 2**18
+#: Bytes that all parameters may take, by `size_of`. With these a gate starts within seconds, and
+#: in its 256 MiB.
+LARGEST_TREE = 48 * 2**20
+#: What a name in a namespace counts in bytes, and what an item of a list does: more than the memory
+#: that they take, since small values take longer to read.
+ENTRY, ITEM = 400, 60
+#: Bytes above which a namespace is written and sent in pieces, and its members are large ones.
+PIECE, SMALL = 2**20, 1000
 #: What each roscore sets for itself: a new one must keep its own.
 OF_ROSCORE = ("run_id", "rosdistro", "rosversion", "roslaunch")
 
@@ -22,32 +24,38 @@ class Parameters:
     """Parameters by their full names; a namespace is a dictionary.
 
     Attributes:
-        size: bytes of memory that the tree takes, about.
+        size: bytes of memory that the tree takes at most, about. What is removed counts until the
+            next `count`: to look at all of it takes as long as to read it.
     """
 
     def __init__(self) -> None:
         self.tree: dict[str, Any] = {}
         self.size = 0
 
-    def set(self, key: str, value: Any) -> None:
+    def set(self, key: str, value: Any, size: int | None = None) -> None:
         """Set a parameter, or a whole namespace; a value in the place of a namespace is removed.
+
+        Args:
+            size: that of a value that has been set in another tree before.
 
         Raises:
             ValueError: it is too deep.
         """
         parts = split(key)
-        if len(parts) + depth(value) > DEEPEST:
+        if size is None and len(parts) + depth(value) > DEEPEST:
             raise ValueError(f"the parameter has more than {DEEPEST} levels")
         if not parts:
             self.tree = dict(value) if isinstance(value, dict) else {}
-            self.size = size_of(self.tree)
+            self.size = size_of(self.tree) if size is None else size
             return
         place = self.tree
         for part in parts[:-1]:
             if not isinstance(place.get(part), dict):
-                self._put(place, part, {})
+                place[part] = {}
+                self.size += ENTRY + len(part)
             place = place[part]
-        self._put(place, parts[-1], value)
+        place[parts[-1]] = value
+        self.size += ENTRY + len(parts[-1]) + (size_of(value) if size is None else size)
 
     def delete(self, key: str) -> None:
         """Remove a parameter or a namespace."""
@@ -60,16 +68,11 @@ class Parameters:
             place = place.get(part)
             if not isinstance(place, dict):
                 return
-        self._remove(place, parts[-1])
+        place.pop(parts[-1], None)
 
-    def _put(self, place: dict[str, Any], part: str, value: Any) -> None:
-        self._remove(place, part)
-        place[part] = value
-        self.size += size_of({part: value})
-
-    def _remove(self, place: dict[str, Any], part: str) -> None:
-        if part in place:
-            self.size -= size_of({part: place.pop(part)})
+    def count(self) -> None:
+        """Find out what the tree takes."""
+        self.size = size_of(self.tree)
 
     def get(self, key: str) -> Any:
         """Return a value, {} if it has none: the master answers subscribers like this."""
@@ -103,7 +106,7 @@ def depth(value: Any) -> int:
 
 
 def size_of(value: Any) -> int:
-    """Return the bytes of memory that a value takes, about."""
+    """Return the bytes of memory that a value takes, about, and more for one of many parts."""
     size, left = 0, [value]
     while left:
         one = left.pop()
@@ -111,11 +114,22 @@ def size_of(value: Any) -> int:
             size += ENTRY * len(one) + sum(map(len, one))
             left += one.values()
         elif isinstance(one, list):
-            size += 8 * len(one)
+            size += ITEM * len(one)
             left += one
         else:
             size += sys.getsizeof(one) + len(getattr(one, "data", b""))  # of a Binary
     return size
+
+
+def is_same(one: Any, two: Any) -> bool:
+    """Return whether two values are equal, and of the same types."""
+    if type(one) is not type(two):
+        return False
+    if isinstance(one, dict):
+        return one.keys() == two.keys() and all(is_same(one[key], two[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(two) and all(map(is_same, one, two))
+    return bool(one == two)
 
 
 def copy_tree(tree: dict[str, Any]) -> dict[str, Any]:
@@ -124,14 +138,17 @@ def copy_tree(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def list_pieces(tree: dict[str, Any], name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (name, value) that make a tree: whole namespaces, unless they have more than PIECE."""
-    if not tree:
-        return
+    """Yield (name, value) that make a tree if they are set one after the other.
+
+    A namespace that is too large comes with its small members, and then each large one.
+    """
     if size_of(tree) <= PIECE or not all(key and "/" not in key for key in tree):
         yield name or "/", tree
         return
-    for key, value in tree.items():
-        if isinstance(value, dict) and value:
+    large = {key: value for key, value in tree.items() if size_of(value) > SMALL}
+    yield name or "/", {key: value for key, value in tree.items() if key not in large}
+    for key, value in large.items():
+        if isinstance(value, dict):
             yield from list_pieces(value, f"{name}/{key}")
         else:
             yield f"{name}/{key}", value

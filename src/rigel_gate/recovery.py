@@ -46,7 +46,7 @@ def find_lost_parameters(state: State, names: Iterable[str]) -> list[tuple[str, 
         if missing and not any(
             name == "/" + first or name.startswith(f"/{first}/") for name in there
         ):
-            is_tree = isinstance(value, dict) and value
+            is_tree = isinstance(value, dict)
             lost += list_pieces(value, "/" + first) if is_tree else [("/" + first, value)]
         else:
             lost += [(name, state.parameters.get(name)) for name in missing]

@@ -15,7 +15,7 @@ from rigel_gate.context import Context
 from rigel_gate.links import NodeGone, NodeSilent
 from rigel_gate.master import Master
 from rigel_gate.nodes import PATIENCE, Nodes
-from rigel_gate.parameters import leaves, size_of
+from rigel_gate.parameters import copy_tree, is_same, list_pieces, size_of
 from rigel_gate.recovery import (
     Known,
     find_lost_nodes,
@@ -39,7 +39,7 @@ from rigel_gate.state import pack
 
 #: Calls that a new master receives in one request, and about how many bytes of them.
 BATCH, LARGEST_BATCH = 100, 2**20
-#: Bytes of parameters that are read from a master in one answer.
+#: Bytes of parameters, by `size_of`, that are read from a master in one answer.
 LARGEST_ANSWER = 16 * 2**20
 
 T = TypeVar("T")
@@ -202,24 +202,34 @@ class Restoring:
         await self._follow_parameters()
 
     async def _follow_parameters(self) -> None:
-        """Note how a master's parameters differ; a large tree is read in parts."""
+        """Note how a master's parameters differ."""
         own = self._state.parameters
-        if own.size <= LARGEST_ANSWER:
-            tree = await self._ask_now("getParam", "/")
-            if isinstance(tree, dict) and pack(tree) != pack(own.tree):
-                self._context.note_value("/", tree, pack(tree))
+        if own.size > LARGEST_ANSWER:
+            self._context.spawn(self._compare_parameters())
             return
-        names = await self._ask_now("getParamNames") or []
-        for gone in set(leaves(own.tree, "")).difference(names):
-            self._context.note("delete", gone)
-        for some in divide(names, [size_of(own.get(name)) for name in names]):
-            listed = [{"methodName": "getParam", "params": [GATE, name]} for name in some]
-            answer = await self._context.links.master(Call("system.multicall", (listed,)))
-            if any(list_refusals(answer.value, len(some))):
-                continue  # a parameter that is gone by now, or an answer that cannot be read
-            for name, [[_, _, value]] in zip(some, answer.value):
-                if pack(value) != pack(own.get(name)):
-                    self._context.note_value(name, value, pack(value))
+        tree = await self._ask_now("getParam", "/")
+        if isinstance(tree, dict) and not is_same(tree, own.tree):
+            self._context.note("set", "/", pack(tree))
+
+    async def _compare_parameters(self) -> None:
+        """Note how a master's parameters differ, part by part, while calls are answered.
+
+        What has changed in a namespace that comes in pieces, and a name that only the master has,
+        stays unknown: their calls were not answered.
+        """
+        own, compute = self._state.parameters, self._context.links.compute
+        for name, piece in list_pieces(copy_tree(own.tree)):
+            if isinstance(piece, dict) and piece.keys() != own.get(name).keys():
+                continue
+            async with self._context.turn:
+                answer = await self._master.call(Call("getParam", (GATE, name)))
+                value = await compute(partial(getattr, answer, "result"))
+                if answer.is_success and not is_same(value, own.get(name)):
+                    self._context.note("set", name, pack(value))
+                elif not answer.is_success:
+                    there = await self._master.call(Call("hasParam", (GATE, name)))
+                    if there.result is False:
+                        self._context.note("delete", name)
 
     async def _adopt(self, known: Known) -> None:
         """Note what a master has and the state has not."""

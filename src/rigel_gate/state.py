@@ -6,6 +6,7 @@ starts later: a state is the result of its events on an empty one. Pure: it call
 
 from __future__ import annotations
 
+import json
 import xmlrpc.client
 from typing import Any, Iterable, Iterator, List, NamedTuple
 
@@ -13,6 +14,21 @@ from rigel_gate.parameters import Parameters, copy_tree, list_pieces
 from rigel_gate.registry import KINDS, NodeEntry, Registration, Registry
 
 Event = List[Any]
+
+
+class WrittenEvent(List[Any]):
+    """An event whose line is made already, in a thread: it is a large one."""
+
+    def __init__(self, event: Event) -> None:
+        super().__init__(event)
+        self.line = line_of(event)
+
+
+def line_of(event: Event) -> bytes:
+    """Return an event as a line of a file."""
+    if isinstance(event, WrittenEvent):
+        return event.line
+    return json.dumps(event, ensure_ascii=False).encode("utf-8", "surrogatepass") + b"\n"
 
 
 class GatePod(NamedTuple):
@@ -94,9 +110,9 @@ class State:
         getattr(self, f"_on_{event[0]}")(*event[1:])
         self.revision += event[0] != REVISION
 
-    def set_parameter(self, key: str, value: Any) -> None:
-        """Apply the event `set` with a value that is unpacked already."""
-        self.parameters.set(key, value)
+    def set_parameter(self, key: str, value: Any, size: int) -> None:
+        """Apply the event `set` with a value that is unpacked and measured already."""
+        self.parameters.set(key, value, size)
         self.revision += 1
 
     def events(self) -> Iterable[Event]:
@@ -207,7 +223,7 @@ class _Events:
     def __iter__(self) -> Iterator[Event]:
         yield self._revision
         yield ["run", self._run]
-        for name, value in list_pieces(self._tree):
+        for name, value in list_pieces(self._tree) if self._tree else ():
             yield ["set", name, pack(value)]
         yield from self._others
         yield self._revision

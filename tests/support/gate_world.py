@@ -11,13 +11,13 @@ import json
 import random
 import selectors
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
 from rigel_gate.calls import GATE, Answer, Call, call_of, registration_of, removal_of
 from rigel_gate.gate import Gate
 from rigel_gate.handover import BOND
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
-from rigel_gate.memory import line_of, replay
+from rigel_gate.memory import replay
 from rigel_gate.parameters import Parameters, leaves
 from rigel_gate.registry import (
     PARAMETER,
@@ -28,12 +28,14 @@ from rigel_gate.registry import (
     host_of,
     resolve_name,
 )
-from rigel_gate.state import State
+from rigel_gate.state import State, line_of
 
 #: Virtual seconds that a test may take.
 LONGEST = 3600.0
 #: How topics of bonds end.
 BOND_TOPIC = "/bond"
+
+T = TypeVar("T")
 
 
 class _Selector(selectors.DefaultSelector):
@@ -148,6 +150,9 @@ class SimMaster:
     def _getParam(self, caller: str, key: str) -> Answer:
         found = self.parameters.get(resolve_name(key, caller))
         return Answer([-1, "not set", 0] if found == {} else [1, "", found])
+
+    def _hasParam(self, caller: str, key: str) -> Answer:
+        return Answer.good("", self.parameters.get(resolve_name(key, caller)) != {})
 
     def _getParamNames(self, _: str) -> Answer:
         return Answer.good(
@@ -348,6 +353,9 @@ class World:
             raise NodeSilent("no answer")
         if api not in self.listening:
             raise NodeGone("refused")
+
+    async def compute(self, work: Callable[[], T]) -> T:
+        return work()
 
     async def sleep(self, seconds: float) -> None:
         await asyncio.sleep(seconds)

@@ -6,19 +6,19 @@ import asyncio
 import random
 import socket
 import struct
+import threading
 import xmlrpc.client
-from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import Any
-from unittest.mock import AsyncMock, Mock
+from unittest.mock import AsyncMock, Mock, patch
 
 import pytest
 
 from rigel_gate import http
 from rigel_gate.calls import Answer, BadCall, Call
 from rigel_gate.context import Context
-from rigel_gate.http import Door, HttpLinks, place_of
+from rigel_gate.http import IDLE, MOST_OF_ONE, Callers, Door, HttpLinks, place_of
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
 from rigel_gate.nodes import Nodes
 from rigel_gate.state import State
@@ -36,10 +36,42 @@ def request(body: bytes = BODY, *, line: str = "POST /RPC2 HTTP/1.1", head: str 
     return f"{line}\r\n{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
 
 
+class Clock:
+    """A clock that stands still until a test moves it on; what is due then is called."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+        self.waiting: list[tuple[float, Callable[[], object]]] = []
+
+    def time(self) -> float:
+        return self.now
+
+    def call_later(self, delay: float, callback: Callable[[], object]) -> Any:
+        one = (self.now + delay, callback)
+        self.waiting.append(one)
+        return Mock(cancel=lambda: one in self.waiting and self.waiting.remove(one))
+
+    def move(self, seconds: float) -> None:
+        self.now += seconds
+        due = [one for one in self.waiting if one[0] <= self.now]
+        self.waiting = [one for one in self.waiting if one[0] > self.now]
+        for _, callback in due:
+            callback()
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait for a state of the server; a test that waits in vain fails after a minute."""
+    while not condition():
+        await asyncio.sleep(0.001)
+
+
 @asynccontextmanager
-async def door(answering: Answering = echo) -> AsyncIterator[int]:
+async def door(
+    answering: Answering = echo, clock: Clock | None = None, log: Callable[[str], None] = print
+) -> AsyncIterator[int]:
     """Open a door; its port."""
-    server = await asyncio.start_server(Door(answering, Counter()).serve, LOCAL, 0)
+    callers = Callers(log, clock or Clock())
+    server = await asyncio.start_server(Door(answering, callers).serve, LOCAL, 0)
     async with server:
         yield server.sockets[0].getsockname()[1]
 
@@ -267,7 +299,7 @@ def test_a_call_brings_the_address_that_it_came_from():
         reader.feed_eof()
         far = Mock(get_extra_info=lambda _: ("10.1.0.3", 40000), drain=AsyncMock())
         far.transport.get_write_buffer_size.return_value = 0
-        await Door(note, Counter()).serve(reader, far)
+        await Door(note, Callers(print, Clock())).serve(reader, far)
 
     run(work())
     assert seen == [LOCAL, "10.1.0.3"]
@@ -286,21 +318,21 @@ def test_what_follows_a_call_is_not_read_before_its_answer():
         return Answer([1, "", 0])
 
     async def work() -> None:
-        readers = []
+        served = []
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            readers.append(reader)
-            await Door(wait, Counter()).serve(reader, writer)
+            served.append((reader, writer))
+            await Door(wait, Callers(print, Clock())).serve(reader, writer)
 
         async with await asyncio.start_server(serve, LOCAL, 0) as listening:
             port = listening.sockets[0].getsockname()[1]
             async with caller(port) as (reader, writer):
                 writer.write(request())
-                while not asked:
-                    await asyncio.sleep(0.01)
+                await until(lambda: asked)
                 writer.write(request(BODY + b" " * 8 * 2**20))
-                await asyncio.sleep(0.2)
-                assert len(readers[0]._buffer) < 2**20  # type: ignore[attr-defined]
+                transport: Any = served[0][1].transport
+                await until(lambda: not transport.is_reading())
+                assert 0 < len(served[0][0]._buffer) < 2**20  # type: ignore[attr-defined]
                 going.set()
                 for _ in range(2):
                     await read_answer(reader)
@@ -318,92 +350,214 @@ def test_answers_that_no_one_reads_are_not_made():
         return Answer([1, "x" * 2**20, 0])
 
     async def work() -> None:
-        async with door(large) as port, caller(port) as (reader, writer):
-            writer.write(request() * 100)
-            await asyncio.sleep(0.5)
-            assert len(asked) < 20
-            for _ in range(100):
-                await read_answer(reader)
+        served = []
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            served.append(writer)
+            await Door(large, Callers(print, Clock())).serve(reader, writer)
+
+        async with await asyncio.start_server(serve, LOCAL, 0) as listening:
+            port = listening.sockets[0].getsockname()[1]
+            async with caller(port) as (reader, writer):
+                writer.write(request() * 100)
+                await until(lambda: served and served[0].transport.get_write_buffer_size())
+                made = -1
+                while made != len(asked):  # the caller's own reader takes some answers at first
+                    made = len(asked)
+                    for _ in range(100):
+                        await asyncio.sleep(0)
+                assert len(asked) < 50
+                for _ in range(100):
+                    await read_answer(reader)
 
     run(work())
 
 
 @pytest.mark.parametrize("sent", [b"", b"POST / HTTP/1.1\r\nContent-Le", request()[:-1]])
-def test_a_caller_that_makes_no_call_is_not_waited_for(
-    sent: bytes, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_caller_that_makes_no_call_is_not_waited_for(sent: bytes):
     """Half a head, half a body, nothing: its connection ends."""
-    monkeypatch.setattr(http, "IDLE", 0.1)
+    clock = Clock()
 
     async def work() -> None:
-        async with door() as port, caller(port) as (reader, writer):
+        async with door(clock=clock) as port, caller(port) as (reader, writer):
             writer.write(request() + sent)
             await read_answer(reader)
+            await until(lambda: clock.waiting)
+            clock.move(IDLE - 1)
+            writer.write(b" ")  # it goes on, too slowly
+            clock.move(1)
             with suppress(ConnectionResetError):
-                assert await asyncio.wait_for(reader.read(), 10) == b""
+                assert await reader.read() == b""
 
     run(work())
 
 
-def test_a_caller_that_waits_for_its_answer_is_not_idle(monkeypatch: pytest.MonkeyPatch):
+def test_a_caller_that_waits_for_its_answer_is_not_idle():
     """A node may wait for a name, or for roscore, as long as it takes."""
-    monkeypatch.setattr(http, "IDLE", 0.1)
+    clock = Clock()
 
     async def slow(call: Call, host: str) -> Answer:
-        await asyncio.sleep(0.5)
+        clock.move(10 * IDLE)
         return Answer([1, "", 0])
 
     async def work() -> None:
-        async with door(slow) as port, caller(port) as (reader, writer):
-            writer.write(request())
-            assert (await read_answer(reader))[1][0] == 1
+        async with door(slow, clock) as port, caller(port) as (reader, writer):
+            for _ in range(2):
+                writer.write(request())
+                assert (await read_answer(reader))[1][0] == 1
 
     run(work())
 
 
-def test_a_last_answer_that_no_one_reads_ends_too(monkeypatch: pytest.MonkeyPatch):
-    """A caller that wants no more calls and does not read keeps no connection."""
-    monkeypatch.setattr(http, "IDLE", 0.1)
-    writers = []
+@pytest.mark.parametrize("piece", [http.LARGE, 2**25])
+def test_a_last_answer_that_no_one_reads_ends_too(piece: int, monkeypatch: pytest.MonkeyPatch):
+    """A caller that wants no more calls and does not read keeps no connection.
+
+    Neither while the answer is sent, nor when all of it is on its way.
+    """
+    monkeypatch.setattr(http, "LARGE", piece)
+    clock, writers = Clock(), []
 
     async def large(call: Call, host: str) -> Answer:
         return Answer([1, "x" * 2**24, 0])
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writers.append(writer)
-        await Door(large, Counter()).serve(reader, writer)
+        await Door(large, Callers(print, clock)).serve(reader, writer)
 
     async def work() -> None:
         server = await asyncio.start_server(serve, LOCAL, 0)
         async with server, caller(server.sockets[0].getsockname()[1]) as (_, writer):
             writer.write(request(head="Connection: close\r\n"))
-            while not writers or not writers[0].transport.is_closing():
-                await asyncio.sleep(0.01)
-            while writers[0].transport.get_write_buffer_size():
-                await asyncio.sleep(0.01)
+            await until(lambda: writers and writers[0].transport.get_write_buffer_size())
+            await until(lambda: clock.waiting)
+            assert writers[0].transport.is_closing() == (piece > 2**24)
+            clock.move(IDLE)
+            await until(lambda: not writers[0].transport.get_write_buffer_size())
+            assert writers[0].transport.is_closing()
 
     run(work())
 
 
-def test_one_address_has_no_more_than_its_connections(monkeypatch: pytest.MonkeyPatch):
-    """And gets others as these end."""
-    monkeypatch.setattr(http, "MOST_OF_ONE", 2)
+async def ask(port: int, sent: bytes) -> bytes:
+    """Return what a new connection is answered in its first line, b"" for nothing."""
+    async with caller(port) as (reader, writer):
+        writer.write(sent)
+        with suppress(ConnectionResetError):
+            return (await reader.readline()).strip()
+        return b""
 
-    async def works(port: int) -> bool:
-        async with caller(port) as (reader, writer):
-            writer.write(request())
-            with suppress(OSError, EOFError):
-                return (await read_answer(reader))[1][0] == 1
-            return False
+
+PROBE = b"GET /ready HTTP/1.1\r\nHost: pod\r\n\r\n"
+
+
+@asynccontextmanager
+async def full_door(port: int) -> AsyncIterator[None]:
+    """Open as many connections as an address may have, and one more, which is refused."""
+    async with AsyncExitStack() as opened:
+        for _ in range(MOST_OF_ONE):
+            reader, writer = await opened.enter_async_context(caller(port))
+        writer.write(request())  # the last one that is taken: the others are, too
+        await read_answer(reader)
+        yield
+
+
+def test_one_address_has_no_more_than_its_connections():
+    """What is above gets an answer that says so, and others as these end."""
+    lines: list[str] = []
 
     async def work() -> None:
-        async with door() as port:
-            async with caller(port), caller(port):
-                assert not await works(port)
-            await asyncio.sleep(0.05)
-            assert await works(port)
+        async with door(log=lines.append) as port:
+            async with full_door(port):
+                assert await ask(port, request()) == b"HTTP/1.1 503 Service Unavailable"
+                assert await ask(port, b"nonsense\r\n\r\n") == b"HTTP/1.1 503 Service Unavailable"
+                assert await ask(port, b"\r\n\r\n") == b"HTTP/1.1 503 Service Unavailable"
+            while await ask(port, request()) != b"HTTP/1.1 200 OK":
+                await asyncio.sleep(0.001)
 
     run(work())
+    assert lines == ["refused connections: 1 of 127.0.0.1; an address has at most 512"]
+
+
+def test_a_probe_is_answered_beside_all_connections_of_its_address():
+    """The kubelet's is the machine's: a program there must not make the master unready."""
+    lines: list[str] = []
+
+    async def work() -> None:
+        async with door(log=lines.append) as port, full_door(port):
+            assert await ask(port, PROBE) == b"HTTP/1.1 200 OK"
+
+    run(work())
+    assert lines == []
+
+
+def test_a_connection_above_the_limit_has_to_be_a_probe_at_once():
+    """One that says nothing does not stay; of too many not even that is waited for."""
+    clock = Clock()
+
+    async def work() -> None:
+        async with door(clock=clock, log=lambda _: None) as port, full_door(port):
+            idle = len(clock.waiting)
+            async with caller(port) as (reader, writer):
+                writer.write(b"GET /rea")
+                await until(lambda: len(clock.waiting) == idle + 1)
+                clock.move(http.HASTE)
+                assert (await reader.readline()).startswith(b"HTTP/1.1 503 ")
+            with patch.object(http, "MOST_GUESTS", 0):
+                assert (await ask(port, PROBE)).startswith(b"HTTP/1.1 503 ")
+
+    run(work())
+
+
+def test_refused_connections_are_reported_once_a_minute():
+    """With their addresses and their numbers; `describe` has them for a while."""
+    lines: list[str] = []
+    clock = Clock()
+    callers = Callers(lines.append, clock)
+    for host in ("10.0.0.1", "10.0.0.1", "10.0.0.1", "10.0.0.2"):
+        callers.refuse(host)
+    limit = "; an address has at most 512"
+    assert lines == ["refused connections: 1 of 10.0.0.1" + limit]
+    clock.move(59)
+    assert len(lines) == 1
+    clock.move(1)
+    assert lines[1:] == ["refused connections: 2 of 10.0.0.1, 1 of 10.0.0.2" + limit]
+    assert [note.split(", ")[0] for note in callers.list_notes()] == [
+        "the gate has refused 3 connections of 10.0.0.1",
+        "the gate has refused 1 connections of 10.0.0.2",
+    ]
+    clock.move(60)
+    clock.move(60)
+    assert len(lines) == 2
+    assert clock.waiting == []
+    callers.refuse("10.0.0.2")
+    assert len(lines) == 3, "at once"
+    clock.move(500)
+    assert len(callers.list_notes()) == 1, "the other one has been left alone for ten minutes"
+    clock.move(200)
+    assert callers.list_notes() == []
+
+
+def test_a_large_call_is_read_in_a_thread():
+    """Others would wait for seconds meanwhile; small ones are read at once."""
+    threads = []
+    real = Call._read_params
+
+    def note(self: Call) -> Any:
+        threads.append(threading.current_thread())
+        return real(self)
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            for size in (10, http.LARGE):
+                writer.write(request(Call("echo", ("/me", size * "x")).body))
+                assert len((await read_answer(reader))[1][2][1]) == size
+            writer.write(request(Call("echo", ()).body.replace(b"</params>", b" " * http.LARGE)))
+            assert (await read_answer(reader))[1][0] == -1, "it cannot be read"
+
+    with patch.object(Call, "_read_params", note):
+        run(work())
+    assert [one is threading.main_thread() for one in threads] == [True, False, False]
 
 
 def test_a_probe_is_answered_without_a_master():
@@ -523,7 +677,7 @@ def test_the_masters_connections_are_kept():
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             opened.append(writer)
-            await Door(note, Counter()).serve(reader, writer)
+            await Door(note, Callers(print, Clock())).serve(reader, writer)
 
         async with await asyncio.start_server(serve, LOCAL, 0) as listening:
             links = HttpLinks(listening.sockets[0].getsockname()[1])
@@ -603,7 +757,7 @@ def test_the_masters_end_is_noticed_at_once():
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             writers.append(writer)
-            await Door(echo, Counter()).serve(reader, writer)
+            await Door(echo, Callers(print, Clock())).serve(reader, writer)
 
         listening = await asyncio.start_server(serve, LOCAL, 0)
         links = HttpLinks(listening.sockets[0].getsockname()[1])

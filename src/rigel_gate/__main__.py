@@ -35,8 +35,8 @@ LINE = 2000
 SWITCH = 0.001
 #: Seconds that a worker must live for the next one to start at once.
 SHORT = 1.0
-#: Seconds after which a worker without a master has started; how many may end before.
-STARTS, FAILURES = 30.0, 3
+#: Seconds after which a worker without a master has started.
+STARTS = 30.0
 
 
 def log(text: str) -> None:
@@ -52,7 +52,8 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace, start
     if options.object:
         place = ClusterObject(options.object, socket.gethostname())
     keeper = Keeper(Journal(options.journal), place, log)
-    await keeper.begin(without_file=start.failures >= FAILURES)
+    start.use_file()
+    await keeper.begin(start.failures)
     links = HttpLinks(options.master_port)
     own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or socket.gethostname()
     uri = f"http://{own}:{options.port}/"
@@ -88,26 +89,32 @@ class Start:
     """How far a worker has come, which its parent process sees, too.
 
     Attributes:
-        failures: how many workers before it have ended in their start, one after the other.
+        failures: how many workers before it have ended in their start, one after the other. One
+            that was killed before it used the file does not count.
     """
 
     def __init__(self) -> None:
         self.failures = 0
-        self._is_over = mmap.mmap(-1, 1)  # one byte that both processes share
+        self._phase = mmap.mmap(-1, 1)  # one byte that both processes share
 
     def begin(self) -> None:
         """Note that a worker is about to start."""
-        self._is_over[0] = 0
+        self._phase[0] = 0
+
+    def use_file(self) -> None:
+        """Note that a worker uses the file."""
+        self._phase[0] = 1
 
     async def finish(self, gate: Gate) -> None:
         """Note that a worker has started: a master is complete, or there is none for a while."""
         with suppress(asyncio.TimeoutError):
             await asyncio.wait_for(gate.until_ready(), STARTS)
-        self._is_over[0] = 1
+        self._phase[0] = 2
 
     def end(self) -> None:
         """Note that a worker has ended."""
-        self.failures = 0 if self._is_over[0] else self.failures + 1
+        if self._phase[0]:
+            self.failures = self.failures + 1 if self._phase[0] == 1 else 0
 
 
 class FailureLog:

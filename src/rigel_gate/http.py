@@ -8,7 +8,7 @@ import re
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Awaitable, Callable, Counter, Protocol, TypeVar
+from typing import Awaitable, Callable, Counter, TypeVar
 
 from rigel_gate.calls import LARGE, Answer, BadCall, Call, fault
 from rigel_gate.links import MasterGone, NodeGone, NodeSilent
@@ -43,24 +43,15 @@ class BadRequest(Exception):
     """A request that is answered without a call, and ends its connection; the status."""
 
 
-class Clock(Protocol):
-    """A loop's own clock."""
-
-    def time(self) -> float:
-        """Return seconds."""
-
-    def call_later(self, delay: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
-        """Call a function after some seconds."""
-
-
 class Callers:
     """How many connections each address has, at all doors, and how many were refused.
 
     Args:
         log: called with a line for people to read.
+        clock: the loop, for its time and its timers alone.
     """
 
-    def __init__(self, log: Callable[[str], None], clock: Clock) -> None:
+    def __init__(self, log: Callable[[str], None], clock: asyncio.AbstractEventLoop) -> None:
         self.clock = clock
         self._log = log
         self._open: Counter[str] = Counter()

@@ -21,6 +21,9 @@ REST = 4
 TRIES = 20
 #: Seconds that a gate with a file waits for the cluster's copy, which is seldom the newer one.
 PATIENCE = 3.0
+#: How many gates may be killed while they begin with the file: before the cluster's copy counts,
+#: and before the next one begins without either.
+FAILURES, GIVE_UP = 3, 10
 #: Bytes that an object of the cluster may have, with room for the rest of it.
 LARGEST = 700_000
 #: Where the memory is kept, in words.
@@ -55,29 +58,33 @@ class Keeper:
 
     # -- at the start --
 
-    async def begin(self, *, without_file: bool = False) -> None:
+    async def begin(self, failures: int = 0) -> None:
         """Find what an earlier gate has left: one of this pod, or of another pod.
 
         Args:
-            without_file: the file is not read: several gates were killed while they began with it.
+            failures: how many gates were killed, one after the other, while they used the file.
         """
+        is_distrusted = failures >= FAILURES
+        copy = await self._read_cluster(takes_over=False) if is_distrusted else None
         found = None
-        if without_file:
-            self.notes.append(f"{FILE} is not used: the gate was killed whenever it began with it")
+        if copy is not None or failures >= GIVE_UP:
+            why = f"{failures} gates were killed while they began with it"
+            self.notes.append(f"the memory in {FILE} is not used: {why}")
             self._log(self.notes[-1])
         else:
             found = self._read_file()
-        if found is None:
-            self.state = await self._read_cluster(takes_over=not without_file) or State()
-        else:
-            self.state = await self._read_newer(found.revision) or found
+        if found is not None:
+            copy = None if is_distrusted else await self._read_newer(found.revision)
             self._changed.set()  # the cluster may not have the last of it
+        elif not is_distrusted:
+            copy = await self._read_cluster(takes_over=True)
+        self.state = copy or found or State()
         if self.state.left_out:
             self._log(
                 f"{self.state.left_out} lines of the memory cannot be read: they are left out"
             )
         self.state.parameters.count()
-        if self.state is found and not found.left_out:
+        if found is self.state and not found.left_out:
             try:
                 self._journal.resume()
             except OSError as error:

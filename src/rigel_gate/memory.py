@@ -18,6 +18,8 @@ from rigel_gate.state import REVISION, Event, State, check, line_of
 LINES, ROOM = 20000, 4 * 2**20
 #: Bytes of events that may come while a state is written.
 LARGEST_TAIL = 32 * 2**20
+#: Blocks of a disk that have to be left by a file that takes another one's place.
+SPARE = 8
 #: Bytes of a line: more than that of any event, which is a call of the largest size.
 LONGEST = 2**27
 #: Bytes of a text from the cluster that are decompressed at once, and of events that are written
@@ -175,8 +177,8 @@ class Journal:
         if not self._path.is_file():
             return False
         disk = os.statvfs(self._path)
-        room = disk.f_bavail * disk.f_frsize + self._path.stat().st_size
-        return sum(len(line_of(event)) for event in events) <= room
+        room = disk.f_bavail + self._path.stat().st_size // disk.f_frsize
+        return sum(len(line_of(event)) for event in events) // disk.f_frsize + SPARE <= room
 
 
 def write_all(file: FileIO, data: bytes | bytearray) -> None:

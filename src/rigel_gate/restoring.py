@@ -78,6 +78,7 @@ class Restoring:
             self._context.note("run", run)
         if not self._master.has_started:
             await self._adopt(known)
+            await self._follow_parameters()
 
     async def look_around(self) -> None:
         """Check nodes that were silent, and a master that has had no number yet."""

@@ -550,7 +550,7 @@ def test_a_parameter_that_could_not_be_kept_is_refused(call: Call):
         assert "cannot be set" in answer.value[1]
         assert not [one for one in calls if one.method == "setParam"]
         assert world.gate is not None
-        assert world.gate.state.parameters.tree == {}
+        assert world.gate.state.parameters.own() == {}
 
     play(story)()
 

@@ -776,12 +776,25 @@ async def test_a_file_with_which_gates_were_killed_is_not_read(
     later = replay(map(line_of, state.events()))
     later.apply(["set", "/late", pack(1)])
     journal.begin(later)
-    keeper = await begin(journal, place, without_file=True)
+    keeper = await begin(journal, place, failures=3)
     assert known(keeper.state) == known(state) == kept(tmp_path / "journal")
-    why = "the file of the pod is not used: the gate was killed whenever it began with it"
-    assert keeper.notes == [why]
-    assert capsys.readouterr().out == f"gate: {why}\n"
+    why = "3 gates were killed while they began with it"
+    assert keeper.notes == [f"the memory in the file of the pod is not used: {why}"]
+    assert capsys.readouterr().out == f"gate: {keeper.notes[0]}\n"
     assert place.taken == [False]
+
+
+@pytest.mark.parametrize("failures", [0, 2, 3, 9])
+@run
+async def test_a_file_is_all_that_there_is_without_a_copy_in_the_cluster(
+    journal: Journal, place: Place, state: State, failures: int
+):
+    """The gates may have been killed by a person."""
+    journal.begin(state)
+    keeper = await begin(journal, place, failures=failures)
+    assert known(keeper.state) == known(state)
+    assert keeper.notes == []
+    assert (await begin(journal, place, failures=10)).state.revision == 0
 
 
 # -- a disk that is full --

@@ -213,9 +213,11 @@ async def test_a_gate_without_a_memory_learns_from_the_master(world: World) -> N
     pod = world.start_pod(None, [], {})
     node = world.start_node(pod, "/talker", [])
     world.master_now.answer(call_of(Registration(*CHATTER, "/talker", node.api, "t/T")))
+    world.master_now.answer(Call("setParam", ("/tool", "/rate", 5)))
     world.start_gate()
     await look_up(world)
     assert world.gate is not None
+    assert world.gate.state.parameters.own() == {"rate": 5}
     [one] = world.gate.state.registry.all()
     assert one == Registration(*CHATTER, "/talker", node.api, "t/T")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rigel_k8s.cli.width import make_printable
 from rigel_k8s.cli.words import namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def graph_text(found: LiveGraph, picture: Picture) -> str:
 def group_text(picture: Picture, group: str) -> str:
     """Return the nodes of a machine, each with what it publishes and subscribes to."""
     shown = {box.name: box for box in picture.boxes if box.group == group}
-    width = max(len(name) for name in shown)
+    width = max(len(make_printable(name)) for name in shown)
     lines = [click.style(group, bold=True)]
     for name, box in sorted(shown.items()):
         sent = [arrow.topic for arrow in picture.arrows if arrow.node == name and arrow.out]
@@ -156,13 +157,14 @@ def group_text(picture: Picture, group: str) -> str:
         words = [
             part for part in (box.wrong, arrow_text("->", sent), arrow_text("<-", heard)) if part
         ]
-        lines.append(redden(f"  {name.ljust(width)}  {'  '.join(words)}".rstrip(), box.bad))
+        padded = make_printable(name).ljust(width)
+        lines.append(redden(f"  {padded}  {'  '.join(words)}".rstrip(), box.bad))
     return "\n".join(lines)
 
 
 def arrow_text(sign: str, topics: list[str]) -> str:
     """Return topics behind an arrow, "" for none."""
-    return f"{sign} {', '.join(sorted(topics))}" if topics else ""
+    return f"{sign} {', '.join(map(make_printable, sorted(topics)))}" if topics else ""
 
 
 def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
@@ -177,7 +179,8 @@ def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
 def problem_lines(found: LiveGraph) -> Iterator[str]:
     """Yield what is wrong."""
     for problem in found.problems:
-        yield click.style(problem.text, fg="red", bold=problem.is_error or None)
+        text = make_printable(problem.text, most=None)
+        yield click.style(text, fg="red", bold=problem.is_error or None)
 
 
 def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - the condition itself

@@ -9,7 +9,7 @@ from itertools import zip_longest
 
 import click
 
-from rigel_k8s.cli.width import find_room, shorten
+from rigel_k8s.cli.width import find_room, make_printable, shorten
 
 GAP = "  "
 #: Columns that a cell keeps, however narrow the terminal is.
@@ -32,7 +32,7 @@ def table(
         colors: of the rows.
         unbroken: columns that are not narrowed.
     """
-    everything = [list(heads), *[list(row) for row in rows]]
+    everything = [list(heads), *[list(map(make_printable, row)) for row in rows]]
     room = find_room(sys.stdout)
     for name in (None, *optional):
         if name in heads:

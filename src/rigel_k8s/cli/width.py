@@ -8,6 +8,8 @@ from typing import TextIO
 
 #: Columns without a terminal: a file, a pipe, the log of a CI system.
 WITHOUT_TERMINAL = 160
+#: Characters of a cell, or of a name.
+LONGEST = 500
 #: What users copy from a text: a command in backquotes.
 COMMAND = re.compile(r"`[^`\n]+`")
 #: Replaces the spaces of a command while lines are made; no text contains it.
@@ -25,6 +27,15 @@ def find_width(stream: TextIO) -> int:
         return os.get_terminal_size(stream.fileno()).columns or WITHOUT_TERMINAL
     except (OSError, ValueError):  # not a terminal, or not a file at all
         return WITHOUT_TERMINAL
+
+
+def make_printable(text: str, most: int | None = LONGEST) -> str:
+    """Return a text as one line, at most so long, without commands to a terminal.
+
+    Names of a ROS graph are whatever a program has registered.
+    """
+    shown = "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+    return shorten(shown, most or len(shown))
 
 
 def shorten(text: str, width: int) -> str:

@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import attrs
+import click
 import pytest
 
 from rigel_k8s.cli.rosgraph import FORMS, render
@@ -70,6 +72,24 @@ def test_an_endpoint_of_a_node_that_has_just_left_is_drawn() -> None:
     """The graph is read while it changes."""
     gone = RosGraph(topics=ROBOT.topics[:1])
     assert {box.name for box in make_picture(gone).boxes} == {"/base", "/controller"}
+
+
+def test_a_name_has_one_line_and_no_commands_for_the_terminal() -> None:
+    """A ROS master takes every name: a newline would make rows, U+009B and U+202E change others."""
+    odd = "/t\nFAKE  row\x9b2J\u202e"
+    changed = [attrs.evolve(one, name=odd) for one in ROBOT.topics[:1]]
+    changed += [attrs.evolve(one, name="/" + 3000 * "x") for one in ROBOT.topics[1:2]]
+    node = attrs.evolve(ROBOT.nodes[0], name="/n\nFAKE")
+    text = render(
+        live(attrs.evolve(ROBOT, topics=tuple(changed), nodes=(node, *ROBOT.nodes[1:]))),
+        "text",
+        everything=True,
+    )
+    lines = click.unstyle(text).split("\n")
+    assert all(line.isprintable() for line in lines)
+    assert not [line for line in lines if line.startswith("FAKE")]
+    assert r"/t\nFAKE  row\x9b2J\u202e" in text
+    assert max(len(line) for line in lines if "[no-publisher]" not in line) < 1500
 
 
 def test_json_has_everything() -> None:

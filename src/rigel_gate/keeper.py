@@ -208,6 +208,7 @@ class Keeper:
                 await in_thread(partial(self._journal.catch_up, self._journal.take_tail()))
             self._journal.finish()
         except OSError as error:  # such as a full disk
+            self._journal.abandon()
             if not self._journal.is_open:
                 self._report(FILE, str(error))
             return False

@@ -36,7 +36,8 @@ class Journal:
 
     The file survives the program but not the machine, so nothing waits for a disk. From time to
     time a state is written beside it, in a thread perhaps, and takes its place: `draft` what is to
-    be written, `write` it, `catch_up`, `finish`. Events that come meanwhile are written to both.
+    be written, `write` it, `catch_up`, `finish`; `abandon` it after an error. Events that come
+    meanwhile are written to both.
 
     Args:
         path: in a directory that lives as long as the pod.
@@ -107,8 +108,12 @@ class Journal:
 
     def begin(self, state: State) -> None:
         """Write a state; later events are added to it. Raises OSError."""
-        self.write(self.draft(state))
-        self.finish()
+        try:
+            self.write(self.draft(state))
+            self.finish()
+        except OSError:
+            self.abandon()
+            raise
 
     def draft(self, state: State) -> Iterable[Event]:
         """Return what `write` takes: the state as it is now."""
@@ -120,6 +125,7 @@ class Journal:
         try:
             self._write(events)
         except OSError:
+            self._remove_fresh()
             if self._file is not None or not self._fits_alone(events):
                 raise
             self._path.unlink()  # it is missing events anyway
@@ -143,34 +149,30 @@ class Journal:
     def finish(self) -> None:
         """Let what `write` has written take the file's place; raises OSError."""
         fresh, tail = self._fresh, self._tail
-        self._fresh = self._tail = None
         if fresh is None or tail is None:
-            self._drop(fresh)
             raise OSError("more events come than can be written")
-        try:
-            write_all(fresh, tail)
-            self._beside.replace(self._path)
-        except OSError:
-            self._drop(fresh)
-            raise
+        write_all(fresh, tail)
+        self._beside.replace(self._path)
         close(self._file)
-        self._file, self._size = fresh, fresh.tell()
-        self._lines = self._tail_lines
+        self._file, self._fresh, self._tail = fresh, None, None
+        self._size, self._lines = fresh.tell(), self._tail_lines
 
-    def _write(self, events: Iterable[Event]) -> None:
-        fresh = self._beside.open("wb", buffering=0)
-        try:
-            for event in events:
-                write_all(fresh, line_of(event))
-        except OSError:
-            self._drop(fresh)
-            raise
-        self._fresh, self._base = fresh, fresh.tell()
+    def abandon(self) -> None:
+        """Remove what has been written beside the file, after an error."""
+        self._tail = None
+        self._remove_fresh()
 
-    def _drop(self, fresh: FileIO | None) -> None:
-        close(fresh)
+    def _remove_fresh(self) -> None:
+        close(self._fresh)
+        self._fresh = None
         with suppress(OSError):
             self._beside.unlink()
+
+    def _write(self, events: Iterable[Event]) -> None:
+        self._fresh = self._beside.open("wb", buffering=0)
+        for event in events:
+            write_all(self._fresh, line_of(event))
+        self._base = self._fresh.tell()
 
     def _fits_alone(self, events: Iterable[Event]) -> bool:
         """Return whether a state has room on the disk in the place of the file."""

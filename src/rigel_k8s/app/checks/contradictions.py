@@ -24,7 +24,6 @@ from rigel_k8s.generation import Generation
 from rigel_k8s.network.checks import LAST_DOMAIN
 from rigel_k8s.network.mode import Mode
 from rigel_k8s.network.modes import BEFORE_IRON, mode_of
-from rigel_k8s.network.modes.discovery_server import DISCOVERY_PORT
 from rigel_k8s.network.options import MIDDLEWARE, ZENOH_PORT, Network, middleware_name
 from rigel_k8s.network.plan import domain
 from rigel_k8s.objects.naming import object_name, ros_name
@@ -321,6 +320,8 @@ def explain_servers(place: Place, value: str | None) -> Verdict | None:
     if value is None or has_template(value) or release.middleware not in (None, "fastdds"):
         return None
     if mode.name == "discovery-server":
+        from rigel_k8s.network.modes.discovery_server import DISCOVERY_PORT
+
         name, network = str(release.options.deployment_name), release.network or Network()
         ours = [f"{one}:{DISCOVERY_PORT}" for one in mode.services(name, network, ())]
         if any(one in value for one in ours):

@@ -15,7 +15,7 @@ from rigel_gate.context import Context
 from rigel_gate.links import NodeGone, NodeSilent
 from rigel_gate.master import Master
 from rigel_gate.nodes import PATIENCE, Nodes
-from rigel_gate.parameters import copy_tree, is_same, list_pieces, size_of
+from rigel_gate.parameters import OF_ROSCORE, copy_tree, is_same, list_pieces, size_of
 from rigel_gate.recovery import (
     Known,
     find_lost_nodes,
@@ -70,6 +70,8 @@ class Restoring:
             await self._follow_master(known)
             return
         names = await self._ask_now("getParamNames") or []
+        firsts = {name.partition("/")[2].partition("/")[0] for name in names}
+        knows_none = not self._state.run and not firsts.issubset(OF_ROSCORE)
         nodes = [n for n in find_lost_nodes(self._state, known) if n not in self._state.silent]
         parameters = find_lost_parameters(self._state, names)
         if nodes or parameters:
@@ -78,7 +80,8 @@ class Restoring:
             self._context.note("run", run)
         if not self._master.has_started:
             await self._adopt(known)
-            await self._follow_parameters()
+            if knows_none:
+                await self._follow_parameters()
 
     async def look_around(self) -> None:
         """Check nodes that were silent, and a master that has had no number yet."""

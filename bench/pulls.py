@@ -27,7 +27,7 @@ from tests.support.larger import push_larger
 SPACE = "bench-pulls"
 RATE = 20
 WITHOUT = """
-import rigel_k8s.release.deploy as deploy
+import rigel_k8s.deploy as deploy
 deploy.pull_images = lambda *_: None
 from rigel_k8s.entry import main
 main()

@@ -34,7 +34,7 @@ SCALE = (
 )
 #: Modules that commands import late; imported once, before the forks.
 WARM = (
-    *("cli.runs", "cli.releases", "kube.cluster", "release.deploy", "release.removal"),
+    *("cli.runs", "cli.releases", "kube.cluster", "deploy", "release.removal"),
     *("jobs.types.orchestration", "rosgraph.watching", "app.deploying.prepare"),
 )
 HUNG = 124  # the exit code of a command that did not end

@@ -11,6 +11,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.deploy import deploy, down, roll_back, write_release
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
@@ -18,11 +19,7 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.observability import install as stacks
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.request import StackRequest, request_of
-from rigel_k8s.release import together
-from rigel_k8s.release.deploy import deploy_release
-from rigel_k8s.release.removal import down
-from rigel_k8s.release.rollback import rollback
-from rigel_k8s.release.run import Run
+from rigel_k8s.release.part import Part, Run
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 
 GONE_TIMEOUT = 180.0
@@ -167,16 +164,15 @@ def deploy_versions(*versions: int) -> Callable[[Cluster, str], object]:
 
     def call(cluster: Cluster, namespace: str) -> None:
         for version in versions:
-            deploy_release(
-                Run(desired=desire(namespace, version), cluster=cluster, options=OPTIONS)
-            )
+            part = Part(desired=desire(namespace, version))
+            write_release(Run(part=part, cluster=cluster, options=OPTIONS))
 
     return call
 
 
 def go_back(cluster: Cluster, namespace: str) -> None:
     """Roll the release back."""
-    rollback(cluster, ReleaseId(namespace, "demo"), None, OPTIONS)
+    roll_back(cluster, ReleaseId(namespace, "demo"), None, OPTIONS)
 
 
 def take_down(*, volumes: bool) -> Callable[[Cluster, str], object]:
@@ -216,7 +212,7 @@ def install_stack(cluster: Cluster, namespace: str) -> None:
         return attrs.evolve(made, desired=stop_pods(made.desired))
 
     vars(stacks)["desired_stack"] = without_pods
-    together.deploy([stacks.stack_part(ask_for_stack(namespace), cluster)], cluster, OPTIONS)
+    deploy([stacks.stack_part(ask_for_stack(namespace), cluster)], cluster, OPTIONS)
 
 
 def remove_stack(cluster: Cluster, namespace: str) -> None:

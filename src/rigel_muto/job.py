@@ -28,7 +28,7 @@ from rigel_muto.agent.options import MutoAgent, check_options
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.together import Part
+    from rigel_k8s.release.part import Part
     from rigel_k8s.release.types import ReleaseId
 
 
@@ -64,7 +64,7 @@ class MutoAgentJob:
 
     def parts(self, options: MutoAgent, job: JobContext, cluster: Cluster | None) -> Sequence[Part]:
         """Return the agent."""
-        from rigel_k8s.release.together import Part
+        from rigel_k8s.release.part import Part
 
         rigelfile = grammar.load(job.settings.rigelfile, os.environ)
         release = release_of(options, job.settings, cluster)

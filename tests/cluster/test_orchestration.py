@@ -17,7 +17,7 @@ from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of
 from rigel_k8s.rigelfile.structure import structure

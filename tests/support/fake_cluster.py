@@ -352,6 +352,9 @@ class FakeCluster:
         """One after the other, so that the order of requests can be told."""
         return [function(item) for item in items]
 
+    def gather(self, *calls: Callable[[], Any]) -> tuple[Any, ...]:
+        return tuple(self.parallel(lambda call: call(), calls))
+
     # What the requests have in common.
 
     def note(self, verb: str, about: ObjectRef | str) -> None:

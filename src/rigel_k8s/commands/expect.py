@@ -15,7 +15,7 @@ from rigel_k8s.app.expectations import describe_all
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import ClusterError, UserError
-from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.rosgraph.expectations import LONGEST, Verdict, choose_span, compare_with

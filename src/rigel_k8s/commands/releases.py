@@ -8,6 +8,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s import deploy as deploys
 from rigel_k8s.commands.interruption import writing
 from rigel_k8s.commands.pods import choose_pods
 from rigel_k8s.commands.targets import Release, job_of, release
@@ -15,11 +16,11 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release import removal, together
 from rigel_k8s.release import restart as restarts
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import compare_objects, difference
 from rigel_k8s.release.history import Entry, History
+from rigel_k8s.release.look import look
 from rigel_k8s.release.revisions import Record, records
 from rigel_k8s.release.status import no_release_error
 from rigel_k8s.release.types import DeployOptions, Plan, Revision, Step
@@ -61,7 +62,7 @@ def render(settings: Settings, job: str | None, data: Mapping[str, Any] | None =
         data: what a sequence passes to the job: `{{ data.KEY }}`.
     """
     target = job_of(settings, job, data)
-    manifests = together.render(target.list_parts(None))
+    manifests = deploys.render(target.list_parts(None))
     return Manifests(manifests, tuple(target.warnings.texts))
 
 
@@ -77,13 +78,13 @@ def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = N
         parts = target.list_parts(cluster)
         conflict = None
         try:
-            looks = together.look_at(parts, cluster, options)
+            looks = look(parts, cluster, options)
         except ConflictError as error:
             conflict = error
-            looks = together.look_at(parts, cluster, attrs.evolve(options, adopt=True))
-    for look in looks:
-        warnings.texts += look.warnings
-    steps = tuple(step for look in looks for step in look.plan.steps)
+            looks = look(parts, cluster, attrs.evolve(options, adopt=True))
+    for one in looks:
+        warnings.texts += one.warnings
+    steps = tuple(step for one in looks for step in one.plan.steps)
     return Difference(steps, difference(steps), tuple(warnings.texts), conflict)
 
 
@@ -156,7 +157,7 @@ def rollback(
     Closes the connection; `cancel` as in writing.
     """
     with writing(found.cluster, settings, report, cancel) as options:
-        return rollbacks.rollback(found.cluster, found.id, number, options)
+        return deploys.roll_back(found.cluster, found.id, number, options)
 
 
 def restart(
@@ -187,4 +188,4 @@ def down(
 ) -> Plan:
     """Delete a release's objects; claims and volumes only if requested. Otherwise as rollback."""
     with writing(found.cluster, settings, report, cancel) as options:
-        return removal.down(found.cluster, found.id, options, volumes=volumes)
+        return deploys.down(found.cluster, found.id, options, volumes=volumes)

@@ -32,7 +32,7 @@ from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.release.together import Part
+    from rigel_k8s.release.part import Part
 
 NAME_NAMESPACE = "name the namespace with -n; `rigel list -A` lists all releases"
 NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all releases"

@@ -107,7 +107,7 @@ class JobType(Protocol[O_contra]):
     A type that deploys describes that with up to three more methods, by which `render`, `diff`,
     `status` and `down` know its jobs. None of them writes:
 
-    `parts(options, job, cluster) -> Sequence[Part]`: what a job deploys (release/together.py); its
+    `parts(options, job, cluster) -> Sequence[Part]`: what a job deploys (release/part.py); its
     `run` is then `jobs.deploying.deploy(self, options, job)`. Without a cluster (`render`), the
     parts are as far as the Rigelfile describes them.
 

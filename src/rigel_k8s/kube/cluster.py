@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 from urllib.parse import quote
 
 import attrs
@@ -97,6 +97,16 @@ class Cluster(Store, Watching, Pods, Execution, Forwarding):
     ) -> Sequence[R]:
         """Call a function for all items on a few threads; results in the order of the items."""
         return threads.parallel(function, items, width=width)
+
+    @overload
+    def gather(self, first: Callable[[], T], second: Callable[[], R], /) -> tuple[T, R]: ...
+
+    @overload
+    def gather(self, *calls: Callable[[], Any]) -> tuple[Any, ...]: ...
+
+    def gather(self, *calls: Callable[[], Any]) -> tuple[Any, ...]:
+        """Make calls side by side on a few threads, and return their results in order."""
+        return tuple(self.parallel(lambda call: call(), calls))
 
     def get_through_proxy(
         self,

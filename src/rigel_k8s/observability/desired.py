@@ -24,7 +24,7 @@ from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.pinning import pin
-from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 

@@ -16,9 +16,8 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release.deploy import Look
-from rigel_k8s.release.together import Inspection, Part, PartLook, SharedPart, if_allowed
-from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.release.part import Hooks, Inspection, Look, Part, Run, if_allowed
+from rigel_k8s.release.types import Revision
 from rigel_k8s.release.writing import make_namespace
 from rigel_k8s.report import Reporter
 
@@ -27,32 +26,33 @@ PATIENT = 600.0
 HINT = "let an administrator install it once for all with a job `observability`"
 
 
-@attrs.define(kw_only=True)
-class StackPart(SharedPart):
-    """The stack."""
+@attrs.frozen(kw_only=True)
+class StackHooks(Hooks):
+    """Around the stack: its operator and its data before, Grafana's password."""
 
     stack: Stack
+    own: bool
     password: str | None = attrs.field(default=None, repr=False)
 
-    def inspect(self, cluster: Cluster, earlier: Sequence[PartLook]) -> Inspection:
+    def inspect(self, cluster: Cluster, earlier: Sequence[Look]) -> Inspection:
         """Return that its operator is not installed, and which data will be lost."""
         errors = () if self.stack.operator is None else tuple(find_missing_operator(cluster))
         return Inspection(errors, tuple(warn_of_lost_data(self.stack)))
 
-    def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
-        """Install the stack, or update it; Grafana needs its administrator before it starts."""
+    def before_write(self, run: Run, seen: Look) -> None:
+        """Create Grafana's administrator, whom it needs before it starts."""
         if self.stack.has_grafana:
-            make_namespace(cluster, self.release.namespace)
-            ensure_administrator(cluster, self.release.namespace, self.password)
-        changes = self.changes(looked)
-        if changes:
-            self.warn_of_away(options.report)
-        patient = attrs.evolve(options, timeout=options.timeout or PATIENT)
-        revision = self.install(cluster, looked, patient)
-        away = f"; not waited for, since unreachable: {', '.join(self.away)}" if self.away else ""
-        state = f"is at revision {revision.number}{away}" if changes else "is unchanged"
-        if changes or self.own:
-            options.report.line(f"{self.release.name} in {self.release.namespace} {state}")
+            make_namespace(run.cluster, run.release.namespace)
+            ensure_administrator(run.cluster, run.release.namespace, self.password)
+
+    def after_write(self, run: Run, revision: Revision | None, seen: Look) -> None:
+        """Report its revision."""
+        away = ", ".join(run.part.away)
+        if seen.writes and revision is not None:
+            left = f"; not waited for, since unreachable: {away}" if away else ""
+            run.report.line(f"{run.where} is at revision {revision.number}{left}")
+        elif self.own:
+            run.report.line(f"{run.where} is unchanged")
 
 
 def stack_part(request: StackRequest, cluster: Cluster | None, *, own: bool = True) -> Part:
@@ -76,15 +76,16 @@ def stack_part(request: StackRequest, cluster: Cluster | None, *, own: bool = Tr
             error.hint = HINT
             raise
         away = tuple(node["metadata"]["name"] for node in nodes if not is_ready(node))
-    return StackPart(
+    return Part(
         desired=asked.desired,
         rank="stack",
         own=own,
         needed=own,
+        shared=True,
         hint=HINT,
         away=away,
-        stack=asked.stack,
-        password=request.password,
+        timeout=PATIENT,
+        hooks=StackHooks(stack=asked.stack, own=own, password=request.password),
     )
 
 

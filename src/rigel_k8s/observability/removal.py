@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
+from rigel_k8s.deploy import down
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import selector
@@ -14,7 +15,6 @@ from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.stack import find_namespace
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId
 from rigel_k8s.report import Reporter

@@ -12,8 +12,8 @@ from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS, rank, wave
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.plan import predecessors
-from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import Plan, Step
 from rigel_k8s.release.writing import write
 
@@ -111,6 +111,14 @@ class Applier:
         for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
             alike = [step for step in others if rank(step.ref.kind) == number]
             self.run.cluster.parallel(self.delete, alike)
+
+    def remove(self, plan: Plan) -> None:
+        """Delete all that a plan prunes, and wait until no pod and none of its data is left."""
+        self.prune(plan.steps)
+        pruned = [step for step in plan.steps if step.action == "prune"]
+        self.wait_until_no_pods(pruned)
+        # A deploy right after this must not meet the old data.
+        self.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
 
     def end(self, steps: Sequence[Step]) -> None:
         """Delete workloads and wait for the end of their pods."""

@@ -21,9 +21,9 @@ from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.labelling import add_hash, hash_of
 from rigel_k8s.release.lease import PROCESS, is_alive, process
 from rigel_k8s.release.locking import Held, hold
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.wait import wait
-from rigel_k8s.release.run import Run
-from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId, Revision, Step
+from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision, Step
 
 RUN_FIRST = "`rigel run` puts the release's version back"
 
@@ -80,7 +80,7 @@ def begin(
         meta = changed["metadata"]
         own = {**meta["annotations"], PROCESS: process()}
         changed = add_hash({**changed, "metadata": {**meta, "annotations": own}})
-        run = Run(cluster=cluster, desired=Desired(release, (changed,)), options=options)
+        run = Run.of_objects(cluster, release, options, changed)
         write(run, lease, changed, live)
 
 
@@ -104,7 +104,7 @@ def end(
         _, manifest = find_manifest(cluster, release, ref)
         spec = {**manifest["spec"], "strategy": {"type": "Recreate"}}
         one_by_one = add_hash({**manifest, "spec": spec})
-        run = Run(cluster=cluster, desired=Desired(release, (one_by_one,)), options=options)
+        run = Run.of_objects(cluster, release, options, one_by_one)
         good = revisions.find_good(revisions.records(cluster, release))
         replaced = write(run, lease, one_by_one, live)
         try:

@@ -54,7 +54,7 @@ def list_releases(cluster: Cluster, namespace: str | None) -> list[ReleaseSummar
         partial(cluster.list, "v1", "Secret", namespace, labels=OF, metadata_only=True),
         *(partial(cluster.list, *kind, namespace, labels=RELEASE_LABEL) for kind in RUNNING),
     ]
-    secrets, *workloads = cluster.parallel(lambda query: query(), queries)
+    secrets, *workloads = cluster.gather(*queries)
     return summarise(secrets, chain.from_iterable(workloads))
 
 

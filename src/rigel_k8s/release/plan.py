@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.release.order import PROTECTED, rank
+from rigel_k8s.release.order import PROTECTED, WORKLOADS, rank
 from rigel_k8s.release.survey import Live, Survey, belongs, describe_namespace, is_unchanged
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
 
@@ -94,3 +94,31 @@ def singletons(manifest: Manifest | None) -> set[str]:
     """Return the identities that only one workload may have at a time."""
     annotations = (manifest or {"metadata": {}})["metadata"].get("annotations") or {}
     return set(str(annotations.get(SINGLETON_ANNOTATION, "")).split())
+
+
+def describe_plan(
+    plan: Plan, *, keep: Collection[ObjectRef] = ()
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Return what will be done as lines, and as warnings which data is left where it is."""
+    words = {"create": "to create", "change": "to change", "prune": "to delete"}
+    counts = [
+        f"{sum(1 for step in plan.steps if step.action == action)} {word}"
+        for action, word in words.items()
+        if any(step.action == action for step in plan.steps)
+    ]
+    lines = [
+        f"{plan.release.namespace}/{plan.release.name}: {', '.join(counts) or 'nothing to change'}"
+    ]
+    if lost := [s.ref.name for s in plan.steps if s.action == "prune" and s.ref.kind in WORKLOADS]:
+        lines.append(f"no longer in the Rigelfile, and deleted: {', '.join(lost)}")
+    warnings = [
+        f"{step.ref} is no longer in the Rigelfile; it holds data, so it is kept "
+        f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
+        for step in plan.steps
+        if step.action == "forget"
+    ]
+    warnings += [
+        f"{ref} is missing, and no revision contains it: deploy from the Rigelfile"
+        for ref in sorted(set(keep) - {step.ref for step in plan.steps})
+    ]
+    return lines, warnings

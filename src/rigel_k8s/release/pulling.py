@@ -29,10 +29,10 @@ from rigel_k8s.objects.marks import PULL_LABEL, RELEASE_LABEL, image_remedy_of, 
 from rigel_k8s.objects.raw import mapping, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.scheduling import may_run
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import CAUSES, START, Cause, explain_pod
 from rigel_k8s.release.rollout.patience import Ledger
 from rigel_k8s.release.rollout.view import EVENT, POD, ReleaseView
-from rigel_k8s.release.run import Run
 from rigel_k8s.release.types import Plan, Step
 
 LOOK = 0.25  # seconds between two looks at the clock

@@ -1,13 +1,12 @@
-"""The end of a release: everything it owns is deleted, except what holds data.
+"""What the end of a release deletes: everything it owns, except what holds data.
 
 What it owns is in its last revision; what carries its label and our ownership counts too, so that
-claims which an earlier `down` has kept can still be deleted. It plans, deletes and waits as a
-deploy of nothing, but does not look for refusals and leaves no revision.
+claims which an earlier `down` has kept can still be deleted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.kube.cluster import Cluster
@@ -15,15 +14,12 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
-from rigel_k8s.release.apply import CLAIMS, Applier
 from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.locking import hold
 from rigel_k8s.release.order import RUNNING
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
-from rigel_k8s.release.run import Run
 from rigel_k8s.release.survey import belongs, namespace_ref
-from rigel_k8s.release.types import DeployOptions, Desired, InventoryItem, Plan, ReleaseId
+from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId
 
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.
@@ -37,47 +33,35 @@ KINDS = (
 )
 
 
-def down(cluster: Cluster, release: ReleaseId, options: DeployOptions, *, volumes: bool) -> Plan:
-    """Delete a release's objects and its history; its namespace stays.
-
-    Args:
-        options: `timeout` limits the end of the pods.
-        volumes: also delete claims and volumes, with their data.
-
-    Returns:
-        What was deleted and what was left; neither steps nor records if there was nothing.
-    """
+def find_records(cluster: Cluster, release: ReleaseId) -> tuple[ObjectRef, ...]:
+    """Return what a release keeps about itself: revisions, and the Lease of a deploy."""
     if cluster.get(namespace_ref(release)) is None:
-        return Plan(release, ())
+        return ()
     records = [record.ref for record in revisions.records(cluster, release)]
     lease = lease_ref(release)
     if cluster.get(lease) is not None:
         records.append(lease)  # of a deploy that is in progress or was killed
-    if not records and not find(cluster, release):
-        return Plan(release, ())
-    run = Run(cluster=cluster, desired=Desired(release, ()), options=options)
-    with hold(cluster, release, options) as held:
-        live = find(cluster, release)
-        items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
-        steps = tuple(prunes(items, live, (), release, volumes=volumes))
-        applier = Applier(
-            run,
-            confirm=held.confirm,
-            state=f"interrupted while {release.name} was being deleted: some of it is deleted",
-            way_out="run the same command again to delete the rest",
-        )
-        applier.prune(steps)
-        pruned = [step for step in steps if step.action == "prune"]
-        applier.wait_until_no_pods(pruned)
-        # A deploy right after this must not meet the old data.
-        applier.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
-        held.confirm()
-        revisions.forget(cluster, revisions.records(cluster, release))
+    return tuple(records)
+
+
+def make_plan(
+    cluster: Cluster, release: ReleaseId, records: Sequence[ObjectRef], *, volumes: bool
+) -> Plan:
+    """Return the deletion of all that exists of a release.
+
+    Args:
+        volumes: also of claims and volumes, with their data.
+    """
+    live = find_objects(cluster, release)
+    items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
+    steps = tuple(prunes(items, live, (), release, volumes=volumes))
     return Plan(release, steps, tuple(records))
 
 
-def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
+def find_objects(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
     """Return all that exists of a release."""
+    if cluster.get(namespace_ref(release)) is None:
+        return {}
     records = revisions.records(cluster, release)
     inventory = records[-1].revision().inventory if records else ()
     found: dict[ObjectRef, Live] = {}

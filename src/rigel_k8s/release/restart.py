@@ -10,9 +10,9 @@ from rigel_k8s.objects.marks import RESTARTED_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.locking import hold
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.wait import wait
-from rigel_k8s.release.run import Run
-from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
+from rigel_k8s.release.types import DeployOptions, ReleaseId
 
 
 def restart(
@@ -34,5 +34,5 @@ def restart(
         for ref in workloads:
             lease.confirm()
             changed.append(cluster.patch(ref, noted))
-        run = Run(cluster=cluster, desired=Desired(release, tuple(changed)), options=options)
+        run = Run.of_objects(cluster, release, options, *changed)
         wait(run, changed, revisions.find_good(revisions.records(cluster, release)), lease.check)

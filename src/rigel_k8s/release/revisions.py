@@ -132,6 +132,27 @@ def read(secret: Mapping[str, Any]) -> Record:
     return Record(release, number, status, int(back) or None, secret)
 
 
+def versions(kept: Iterable[Record]) -> list[str]:
+    """Return a value that changes when any record does."""
+    return [str(record.secret["metadata"]["resourceVersion"]) for record in kept]
+
+
+def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
+    """Return a release's revisions, the oldest first."""
+    found = [record.revision() for record in records(cluster, release)]
+    good = [revision.number for revision in found if revision.status == "good"]
+    return [
+        attrs.evolve(revision, status="superseded") if revision.number in good[:-1] else revision
+        for revision in found
+    ]
+
+
+def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
+    """Return the newest revision that became ready, None if none did."""
+    good = [record for record in records(cluster, release) if record.status == "good"]
+    return good[-1].revision() if good else None
+
+
 def find_good(kept: Iterable[Record]) -> int:
     """Return the number of the newest revision that became ready, 0 if none did."""
     return max((record.number for record in kept if record.status == "good"), default=0)

@@ -1,7 +1,4 @@
-"""Going back: an older revision's objects, deployed again as a new revision.
-
-It is the pipeline of a deploy, fed with a revision's objects. It begins at the release, below
-together.py: a revision has no part of a job, whose builder could inspect it.
+"""Which revision a rollback goes back to, and what its result is called.
 
 The next rollback finishes an interrupted one. So it must not take the interrupted one's target for
 the present state.
@@ -9,54 +6,43 @@ the present state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar
-
-import attrs
+from collections.abc import Callable, Sequence
+from typing import TypeAlias, TypeVar
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy_release
 from rigel_k8s.release.lease import is_alive, lease_ref
-from rigel_k8s.release.run import Run
-from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId, Revision
+from rigel_k8s.release.part import Run, WayBack
+from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
+from rigel_k8s.report import Reporter
 
 Failure = TypeVar("Failure", bound=RigelK8sError)
+RollBack: TypeAlias = Callable[[Cluster, ReleaseId, int, DeployOptions], Revision]
 
 
-def rollback(
-    cluster: Cluster, release: ReleaseId, number: int | None, options: DeployOptions
+def choose_target(
+    cluster: Cluster, release: ReleaseId, number: int | None, report: Reporter
 ) -> Revision:
-    """Deploy an older revision's objects again, as a new revision.
+    """Return the revision to deploy again.
 
     Args:
         number: None is the target of a rollback that was interrupted, else the last good revision
             before the present.
-        options: the new revision gets a description of its own.
 
     Raises:
-        UserError: the revision does not exist.
+        UserError: it does not exist.
     """
     records = revisions.records(cluster, release)
     unfinished = None if number is not None else find_unfinished(cluster, release, records)
     if unfinished is not None:
-        options.report.line(
+        report.line(
             f"{release.namespace}/{release.name}: the rollback to revision {unfinished.back_to} was"
             f" interrupted (revision {unfinished.number}); finishing it"
         )
         done = unfinished.status == "good"
         number = unfinished.number if done else unfinished.back_to
-    target = choose_record(records, release, number).revision()
-    run = Run(
-        cluster=cluster,
-        desired=Desired(release, target.objects, options=target.options),
-        options=attrs.evolve(options, description=f"rollback to revision {target.number}"),
-        back_to=target.number,
-        # No revision has the data of Secrets.
-        keep=frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret"),
-    )
-    return deploy_release(run)
+    return choose_record(records, release, number).revision()
 
 
 def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
@@ -66,45 +52,39 @@ def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
     return good[-1] if good and records[-1].status != "good" else None
 
 
-def undo(
-    cluster: Cluster,
-    release: ReleaseId,
-    failure: Failure,
-    target: int | None,
-    options: DeployOptions,
-    *,
-    hint: str,
-) -> Failure:
-    """Go back to an earlier revision; return the failure with the result of that.
+def undo(run: Run, failure: Failure, back: WayBack, roll_back: RollBack) -> Failure:
+    """Go back after a failure; return the failure with the result of that.
+
+    A first deploy has nothing to go back to, and stays as it was applied.
 
     Args:
-        target: the revision. Without one (a first deploy), everything stays as it was applied, for
-            inspection.
-        hint: what to do once the rollback is done.
+        roll_back: rigel_k8s.deploy.roll_back.
 
     Raises:
         Interrupted: `options.cancel` was set.
     """
     kind, why, details = type(failure), failure.message, failure.details
-    if target is None:
+    if back.number is None:
         left = "there is no earlier good revision to go back to, so it is left as it is"
         return kind(f"{why}; {left}", hint=failure.hint, details=details)
-    options.report.warn(f"rolling back to revision {target}")
+    run.report.warn(f"rolling back to revision {back.number}")
     try:
-        made = rollback(cluster, release, target, options)
+        made = roll_back(run.cluster, run.release, back.number, run.options)
     except Interrupted:  # its error does not have the failure
-        options.report.warn("\n".join([why, *details]))
+        run.report.warn("\n".join([why, *details]))
         raise
     except RigelK8sError as error:
-        look, again = (options.write_command(one, release) for one in ("status", "rollback"))
+        look, again = (
+            run.options.write_command(one, run.release) for one in ("status", "rollback")
+        )
         return kind(
-            f"{why}, and it cannot be rolled back to revision {target}: {error.message}",
+            f"{why}, and it cannot be rolled back to revision {back.number}: {error.message}",
             hint=f"{look} shows what runs; {again} tries again",
             details=[*details, *error.details],
         )
     return kind(
-        f"{why}: rolled back to revision {target}, as revision {made.number}",
-        hint=hint,
+        f"{why}: rolled back to revision {back.number}, as revision {made.number}",
+        hint=back.hint,
         details=details,
     )
 

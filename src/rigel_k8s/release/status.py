@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import attrs
@@ -225,25 +226,23 @@ def collect(
     cluster: Cluster, release: ReleaseId
 ) -> tuple[dict[str, list[Live]], Sequence[revisions.Record] | None]:
     """Return the release's objects, all pods of its namespace that may be its own, and warnings."""
-    found: dict[str, list[Live]] = {}
-    records: list[Sequence[revisions.Record] | None] = []
-
-    def list_kind(api_version: str, kind: str, **selectors: Any) -> Callable[[], None]:
-        def call() -> None:
-            try:
-                found[kind] = cluster.list(api_version, kind, release.namespace, **selectors)
-            except ClusterError:
-                if kind != "Event":  # without the right to see events less can be explained
-                    raise
-
-        return call
-
     own = {RELEASE_LABEL: release.name}
-    work = [list_kind(*kind, labels=own) for kind in KINDS]
-    work += [list_kind("v1", "Pod", labels=own), list_kind("v1", "Event", fields="type=Warning")]
-    work.append(lambda: records.append(list_records(cluster, release)))
-    cluster.parallel(lambda call: call(), work)
-    return found, records[0]
+    where = release.namespace
+
+    def list_events() -> Sequence[Live]:
+        try:
+            return cluster.list("v1", "Event", where, fields="type=Warning")
+        except ClusterError:  # without the right to see events less can be explained
+            return ()
+
+    kinds = (*KINDS, ("v1", "Pod"))
+    records, events, *listed = cluster.gather(
+        partial(list_records, cluster, release),
+        list_events,
+        *(partial(cluster.list, *kind, where, labels=own) for kind in kinds),
+    )
+    found = {kind: there for (_, kind), there in zip(kinds, listed, strict=True)}
+    return {**found, "Event": events}, records
 
 
 def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Record] | None:

@@ -137,7 +137,7 @@ def list_objects(
         partial(records, cluster, release),
         *(partial(list_kind, *kind) for kind in sorted(kinds)),
     ]
-    namespace, lease, history, *listed = cluster.parallel(lambda query: query(), queries)
+    namespace, lease, history, *listed = cluster.gather(*queries)
     found = {ref_of(one): one for there in listed for one in there if belongs(one, release)}
     return namespace, history, found, lease
 

@@ -15,7 +15,7 @@ from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this
 from rigel_k8s.kube.failures import Conflict
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import managers, take_over
-from rigel_k8s.release.run import Run
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.survey import Live, belongs, describe_namespace, describe_owner
 from rigel_k8s.release.types import ReleaseId
 

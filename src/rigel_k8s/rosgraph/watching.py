@@ -24,7 +24,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s import deploy as deploys
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -20,7 +21,6 @@ from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.steps import list_jobs
 from rigel_k8s.kube import Cluster, connect
-from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.rigelfile.model import JobUse
@@ -105,12 +105,12 @@ class DeployedJob:
     def remove(self, cancel: threading.Event) -> None:
         """Remove the release as `rigel down` does; volumes stay.
 
-        Raises: as release.removal.down.
+        Raises: as rigel_k8s.deploy.down.
         """
         with connect(self.settings) as cluster:
             cluster.endure(self.report.line, cancel)
             options = DeployOptions.of(self.settings, self.report, cancel)
-            removal.down(cluster, self.find_release(cluster), options, volumes=False)
+            deploys.down(cluster, self.find_release(cluster), options, volumes=False)
 
     def look(self) -> tuple[int, list[str]]:
         """Return the release's newest revision, and why it is not ready.

@@ -9,7 +9,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.marks import PULL_LABEL
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollout.patience import Patience
 from tests.support.larger import push_larger
 from tests.support.releases import deploy

@@ -12,8 +12,8 @@ import pytest
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import find_last_good, history
 from rigel_k8s.release.difference import difference
+from rigel_k8s.release.revisions import find_last_good, history
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.releases import deploy, diff, down, rollback
 

@@ -70,7 +70,7 @@ def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) 
     code = (
         "import sys\n"
         "from rigel_k8s.cli.main import run\n"
-        "import rigel_k8s.cli.runs, rigel_k8s.release.deploy, rigel_k8s.kube.cluster\n"
+        "import rigel_k8s.cli.runs, rigel_k8s.deploy, rigel_k8s.kube.cluster\n"
         f"assert run(['-q', '-f', {str(file)!r}, 'check'], 'rigel') == 0\n"
         f"print([m for m in {UNUSED!r} if m in sys.modules], file=sys.stderr)"
     )
@@ -87,7 +87,7 @@ DEPLOYING = (
     "rigel_k8s.images",
     "rigel_k8s.jobs.runner",
     "rigel_k8s.observability.manifests",
-    "rigel_k8s.release.deploy",
+    "rigel_k8s.deploy",
     "rigel_k8s.release.plan",
     "rigel_k8s.release.removal",
     "rigel_k8s.release.rollback",

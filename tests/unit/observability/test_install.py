@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.deploy import deploy
 from rigel_k8s.errors import RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.observability import ObservabilityJob
@@ -34,7 +35,6 @@ from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.request import request_of
-from rigel_k8s.release.together import deploy
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
 from tests.support.controllers import Controllers, unready

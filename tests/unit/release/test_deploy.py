@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import pytest
 
+from rigel_k8s.deploy import deploy, look, render
 from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.part import Hooks, Inspection, Look, Part
 from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.together import Inspection, Part, PartLook, deploy, look_at, render
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 from rigel_k8s.system.threads import parallel
 from tests.support.clock import leap_when_shown
@@ -41,22 +42,28 @@ CABLE = {
 }
 
 
-@attrs.define(kw_only=True)
-class TestPart(Part):
-    """A part whose inspections are noted, and find what the test wants."""
+@attrs.define
+class Inspecting(Hooks):
+    """Inspections are noted, and find what the test wants."""
 
-    __test__ = False
-    finds: Callable[[bool], Inspection] = lambda early: Inspection()
+    finds: Callable[[bool], Inspection]
     seen: list[bool] = attrs.field(factory=list)
 
-    def inspect(self, cluster: Any, earlier: Sequence[PartLook]) -> Inspection:
+    def inspect(self, cluster: Any, earlier: Sequence[Look]) -> Inspection:
         early = any(one.writes for one in earlier)
         self.seen.append(early)
         return self.finds(early)
 
 
-def part(name: str, *objects: Any, rank: Any = "application", **more: Any) -> TestPart:
-    return TestPart(desired=Desired(ReleaseId("n", name), objects), rank=rank, **more)
+def part(
+    name: str,
+    *objects: Any,
+    rank: Any = "application",
+    finds: Callable[[bool], Inspection] = lambda early: Inspection(),
+    **more: Any,
+) -> Part:
+    desired = Desired(ReleaseId("n", name), objects)
+    return Part(desired=desired, rank=rank, hooks=Inspecting(finds), **more)
 
 
 @pytest.fixture
@@ -84,7 +91,7 @@ def test_a_kind_that_an_earlier_part_defines_counts_as_defined(
     network, robot = part("net", DEFINITION, rank="network"), part("robot", CABLE)
     with pytest.raises(Refused):
         deploy([part("robot", CABLE)], fake, options)
-    assert look_at([robot, network], fake, options)[1].plan.changes
+    assert look([robot, network], fake, options)[1].plan.changes
     assert fake.writes == []
     deploy([robot, network], fake, options)
     assert fake.names("Cable") == {"lan"}
@@ -101,7 +108,7 @@ def test_what_an_earlier_part_changes_is_inspected_again(
     network, robot = part("net", config(), rank="network"), part("robot", workload(), finds=finds)
     with pytest.raises(ClusterError, match="no link"):
         deploy([network, robot], fake, options)
-    assert robot.seen == [True, False]
+    assert cast(Inspecting, robot.hooks).seen == [True, False]
     assert fake.names("Deployment") == set()
     fake.calls.clear()
     with pytest.raises(ClusterError, match="no link"):  # the network stays as it is
@@ -159,11 +166,11 @@ def test_without_rights_what_others_install_is_left_out(
     """A deployer's job goes on; the administrator's own job does not."""
     fake.store.rules = [{"apiGroups": ["apps"], "resources": ["*"], "verbs": ["*"]}]
     shared = part("stack", config(), rank="stack", own=False, hint="ask an administrator")
-    assert look_at([shared], fake, options) == []
+    assert look([shared], fake, options) == []
     assert "stack stays as it is; ask an administrator" in report.warnings[0]
     shared.own = True
     with pytest.raises(ClusterError, match="right"):
-        look_at([shared], fake, options)
+        look([shared], fake, options)
 
 
 def test_machines_are_inspected_beside_the_dry_runs(
@@ -185,4 +192,4 @@ def test_machines_are_inspected_beside_the_dry_runs(
         both.wait(20)
         return Inspection()
 
-    assert look_at([part("robot", finds=finds)], Parallel(fake.store), options)  # type: ignore[arg-type]
+    assert look([part("robot", finds=finds)], Parallel(fake.store), options)  # type: ignore[arg-type]

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ConflictError
-from rigel_k8s.release import together
 from rigel_k8s.release.drift import describe_drift
+from rigel_k8s.release.look import look_at
+from rigel_k8s.release.part import Part
 from rigel_k8s.release.status import status
-from rigel_k8s.release.types import DeployOptions
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
 from tests.support.releases import deploy, diff
@@ -36,7 +36,7 @@ def set_env(fake: FakeCluster, name: str, value: str) -> None:
 
 
 def warn(fake: FakeCluster, report: Any, wanted: Any) -> list[str]:
-    [look] = together.look_at([together.Part(desired=wanted)], fake, DeployOptions(report=report))
+    look = look_at(Part(desired=wanted), fake, adopt=False)
     assert look.plan.changes == ()
     return list(look.warnings)
 

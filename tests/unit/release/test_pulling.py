@@ -13,7 +13,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, PULL_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import pulling
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollout.patience import Patience
 from tests.support.controllers import running
 from tests.support.fake_cluster import FakeCluster, Killed

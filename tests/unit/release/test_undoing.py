@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollback import find_target
 from rigel_k8s.release.status import RolledBack, status
 from tests.support.fake_cluster import FakeCluster

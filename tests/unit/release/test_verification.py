@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.release.deploy import find_last_good, history
+from rigel_k8s.release.revisions import find_last_good, history
 from rigel_k8s.release.types import Plan
 from tests.support.manifests import RELEASE, config, desired, workload
 from tests.support.releases import deploy, rollback

@@ -11,7 +11,7 @@ import pytest
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.release.writing import TRIES
 from tests.support.fake_cluster import FakeCluster

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING
 
 import attrs
 
 from rigel_k8s.app.deploying.images import write_pull_secret
-from rigel_k8s.app.deploying.prepare import Preparation, timeout_of
+from rigel_k8s.app.deploying.prepare import Preparation
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.expectations import describe_all
 from rigel_k8s.app.options import RollbackOn
@@ -19,11 +18,9 @@ from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.preflight.examine import inspect
 from rigel_k8s.objects.naming import ros_name
-from rigel_k8s.release.deploy import Look, deploy_release
-from rigel_k8s.release.rollback import find_target, undo
-from rigel_k8s.release.run import Run
-from rigel_k8s.release.together import Inspection, Part, PartLook
-from rigel_k8s.release.types import DeployOptions, Plan
+from rigel_k8s.release.part import Hooks, Inspection, Look, Run, WayBack
+from rigel_k8s.release.rollback import find_target
+from rigel_k8s.release.types import Plan, Revision
 from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
@@ -44,17 +41,19 @@ LOOK = (
 
 
 @attrs.define(kw_only=True)
-class ApplicationPart(Part):
-    """One ROS application.
+class ApplicationHooks(Hooks):
+    """Around an application: its network before, its ROS graph before and after, its results.
 
     Attributes:
         applied: set when its objects are stored, before they are waited for.
+        graph: compares the graph with that before; made when it is written.
     """
 
     prepared: Preparation
     application: Application
     settings: Settings
     applied: Event
+    graph: GraphWatch | None = None
 
     @property
     def ros(self) -> Generation:
@@ -72,103 +71,104 @@ class ApplicationPart(Part):
             return rollback.within.seconds
         return GAP_SEEN if any(one.gap for one in expected) else WITHIN
 
-    def inspect(self, cluster: Cluster, earlier: Sequence[PartLook]) -> Inspection:
+    def inspect(self, cluster: Cluster, earlier: Sequence[Look]) -> Inspection:
         """Return what keeps its network from working, or may.
 
         What an installation of Multus mends is looked at after that.
         """
         installs = any(one.part.rank == "network" and one.writes for one in earlier)
-        network = self.prepared.options.network
-        error, warnings = inspect(self.desired.objects, network, cluster, mended=installs)
+        network, objects = self.prepared.options.network, self.prepared.desired.objects
+        error, warnings = inspect(objects, network, cluster, mended=installs)
         return Inspection((error,) if error else (), warnings)
 
-    def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
-        """Deploy, and report what an update did to the ROS graph; roll back if that is requested.
+    def before_write(self, run: Run, seen: Look) -> None:
+        """Write the Secret with which its images are pulled."""
+        write_pull_secret(run.desired, self.prepared.credentials, run.cluster)
 
-        Raises:
-            GraphWorse: it was rolled back, as `rollback_on` or `expect` requests.
-        """
-        from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
-
-        options = attrs.evolve(options, timeout=timeout_of(self.prepared.options, self.settings))
-        write_pull_secret(self.desired, self.prepared.credentials, cluster)
-        watch = GraphWatch(
-            cluster,
-            self.release,
-            options.report,
-            options.cancel,
-            self.limit or PATIENCE,
-            describe_all(self.prepared.options.expect),
-            quick=not self.ros.dds or (self.ros.rmw and self.prepared.options.rmw_layer),
-        )
-        strict = insists(self.prepared.options.rollback_on)
-        readable = not (self.ros.dds and self.ros.explain_unseen(self.prepared.options))
-        run = Run(
-            cluster=cluster,
-            desired=self.desired,
-            options=options,
-            before=partial(self.begin, watch if readable else None, options, cluster),
-            applied=self.applied.set,
-            verify=partial(watch.report, insist=strict) if self.limit else None,
-        )
-        try:
-            revision = deploy_release(run, looked)
-        except RolloutFailed as failure:
-            if not self.settings.rollback_on_failure:
-                raise
-            target = find_target(cluster, self.release)
-            raise undo(cluster, self.release, failure, target, options, hint=CORRECT) from failure
-        except GraphWorse as worse:
-            last = watch.last_good
-            raise undo(cluster, self.release, worse, last, options, hint=LOOK) from worse
-        where = f"{self.release.name} in {self.release.namespace}"
-        options.report.line(f"{where} is at revision {revision.number}")
-        if not self.limit:
-            watch.report()
-
-    def begin(
-        self, watch: GraphWatch | None, options: DeployOptions, cluster: Cluster, plan: Plan
-    ) -> None:
+    def before_pods(self, run: Run, plan: Plan) -> None:
         """Wait until the robot is idle, if pods are replaced and that is requested; read the graph.
 
         Raises:
             ClusterError: it is not idle within its time.
-            Interrupted: `cancel` was set.
+            Interrupted: the user asked to stop.
         """
-        from rigel_k8s.rosgraph.watching import changes_pods
+        from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, changes_pods
 
-        update = self.prepared.options.update
+        options, requested = run.options, self.prepared.options
+        update = requested.update
         if update and not self.settings.now and any(map(changes_pods, plan.changes)):
             from rigel_k8s.rosgraph.idle import wait_until_idle
 
             seconds = update.within.seconds if update.within else IDLE
             silent = {ros_name(topic): one.seconds for topic, one in update.silent.items()}
-            wait_until_idle(cluster, self.release, options.report, options.cancel, seconds, silent)
-        if watch is not None:
-            watch.begin(plan)
+            wait_until_idle(
+                run.cluster, run.release, options.report, options.cancel, seconds, silent
+            )
+        self.graph = GraphWatch(
+            run.cluster,
+            run.release,
+            options.report,
+            options.cancel,
+            self.limit or PATIENCE,
+            describe_all(requested.expect),
+            quick=not self.ros.dds or (self.ros.rmw and requested.rmw_layer),
+        )
+        if not (self.ros.dds and self.ros.explain_unseen(requested)):
+            self.graph.begin(plan)
 
-    def watch(self, cluster: Cluster, options: DeployOptions) -> None:
+    def stored(self) -> None:
+        """Let what waits for the objects go on."""
+        self.applied.set()
+
+    def verify(self, run: Run) -> None:
+        """Refuse an update that has made the graph worse, if `rollback_on` or `expect` says so.
+
+        Raises:
+            GraphWorse: it has.
+        """
+        if self.limit and self.graph is not None:
+            self.graph.report(insist=insists(self.prepared.options.rollback_on))
+
+    def way_back(self, run: Run, failure: RigelK8sError) -> WayBack | None:
+        """Return the revision before, if the Rigelfile or the user requests a rollback."""
+        from rigel_k8s.rosgraph.watching import GraphWorse
+
+        if isinstance(failure, GraphWorse) and self.graph is not None:
+            return WayBack(self.graph.last_good, LOOK)
+        if isinstance(failure, RolloutFailed) and self.settings.rollback_on_failure:
+            return WayBack(find_target(run.cluster, run.release), CORRECT)
+        return None
+
+    def after_write(self, run: Run, revision: Revision | None, seen: Look) -> None:
+        """Report its revision, and what the update did to the graph."""
+        if revision is not None:
+            run.report.line(f"{run.where} is at revision {revision.number}")
+        if not self.limit and self.graph is not None:
+            self.graph.report()
+
+    def watch(self, run: Run) -> None:
         """Check that DDS nodes discover each other, and copy the results.
 
         Raises:
             GraphError: they do not; ROS 1 nodes find each other by their master.
         """
+        options = run.options
         if self.ros.dds:
             from rigel_k8s.discovery.check import check as check_graph
 
-            check_graph(self.release, cluster, options.report, options.cancel)
+            check_graph(run.release, run.cluster, options.report, options.cancel)
         results = self.prepared.options.results
         if results is None:
             return
         target = self.application.dir / results.target
         try:
-            copied = copy_results(results, self.release, cluster, target, options.cancel)
+            copied = copy_results(results, run.release, run.cluster, target, options.cancel)
         except RigelK8sError as error:
             if results.wait is not None or isinstance(error, Interrupted):
                 raise
-            options.report.warn(f"{error.message}; `results: {{wait: 1m}}` would wait for them")
+            run.report.warn(f"{error.message}; `results: {{wait: 1m}}` would wait for them")
         else:
-            options.report.line(f"results copied to {copied}")
+            run.report.line(f"results copied to {copied}")
 
 
 def insists(rollback: RollbackOn | None) -> bool:

@@ -169,7 +169,7 @@ class LastRevision:
         """The revision; None without one."""
         if self._cluster is None:
             return None
-        from rigel_k8s.release.deploy import find_last_good
+        from rigel_k8s.release.revisions import find_last_good
 
         return find_last_good(self._cluster, self._release)
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 import attrs
 
+from rigel_k8s import deploy as deploys
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.run import prepare, require_kubeconfig
@@ -25,7 +26,6 @@ from rigel_k8s.jobs.steps import list_jobs
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import removal
 from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.survey import describe_namespace
 from rigel_k8s.release.types import DeployOptions
@@ -165,7 +165,7 @@ def place_for(
             options = DeployOptions(report=Warnings())
             try:
                 for one in list_found(cluster, namespace):
-                    removal.down(cluster, one.id, options, volumes=True)
+                    deploys.down(cluster, one.id, options, volumes=True)
                 if own:
                     cluster.delete(ref)
             except BaseException:

@@ -14,7 +14,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.network.multus.install import MultusPart
+    from rigel_k8s.release.part import Part
 
 
 class NetworkJob:
@@ -33,7 +33,7 @@ class NetworkJob:
         """Return the cluster's network: two branches must not install it at the same time."""
         return "the cluster's network"
 
-    def parts(self, options: Install, job: JobContext, cluster: Cluster | None) -> list[MultusPart]:
+    def parts(self, options: Install, job: JobContext, cluster: Cluster | None) -> Sequence[Part]:
         """Return both as one release."""
         from rigel_k8s.network.multus.install import multus_part
 
@@ -41,8 +41,7 @@ class NetworkJob:
 
     def run(self, options: Install, job: JobContext) -> None:
         """Install. Raises as jobs.deploying.deploy."""
-        from rigel_k8s.network.multus.install import describe
+        from rigel_k8s.network.multus.install import describe, result_of
 
         [multus] = deploy(self, options, job)
-        if multus.result is not None:
-            job.report.line(describe(multus.result))
+        job.report.line(describe(result_of(multus)))

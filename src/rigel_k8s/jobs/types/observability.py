@@ -15,7 +15,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.together import Part
+    from rigel_k8s.release.part import Part
 
 
 class ObservabilityJob:

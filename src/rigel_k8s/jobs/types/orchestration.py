@@ -1,6 +1,6 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
-It joins app/, network/, graph/, rosgraph/ and observability/; in each of them, decisions are pure
+It joins app/, network/ and observability/; in each of them, decisions are pure
 and queries separate. They are imported where they are used: `rigel status` needs only the options.
 """
 
@@ -24,7 +24,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.together import Part
+    from rigel_k8s.release.part import Part
     from rigel_k8s.release.types import ReleaseId
 
 
@@ -83,11 +83,12 @@ class OrchestrationJob:
         A partial job is laid over the release's last revision, so the cluster is asked for that
         even without one.
         """
-        from rigel_k8s.app.deploying.part import ApplicationPart
-        from rigel_k8s.app.deploying.prepare import Request, prepare
+        from rigel_k8s.app.deploying.part import ApplicationHooks
+        from rigel_k8s.app.deploying.prepare import Request, prepare, timeout_of
         from rigel_k8s.kube import connect
         from rigel_k8s.network.multus.install import requested_multus
         from rigel_k8s.observability.install import requested_stack, stack_part
+        from rigel_k8s.release.part import Part
 
         if options.observability_only:
             return [stack_part(request_of(flat(job.raw).get("observability") or {}), cluster)]
@@ -104,13 +105,17 @@ class OrchestrationJob:
                 prepared = prepare(request, asked)
         else:
             prepared = prepare(request, cluster)
-        application = ApplicationPart(
-            desired=attrs.evolve(prepared.desired, source=str(job.application.dir)),
-            place=job.place,
+        hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,
             settings=job.settings,
             applied=job.applied,
+        )
+        application = Part(
+            desired=attrs.evolve(prepared.desired, source=str(job.application.dir)),
+            timeout=timeout_of(prepared.options, job.settings),
+            place=job.place,
+            hooks=hooks,
         )
         parts = [*requested_multus(prepared.options.network, cluster, job.report), application]
         if prepared.stack is not None:

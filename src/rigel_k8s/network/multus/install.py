@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import attrs
 
+from rigel_k8s.deploy import deploy
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
@@ -27,11 +28,10 @@ from rigel_k8s.network.multus.proving import find_proven, list_marks, prove, rem
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.pinning import pin
-from rigel_k8s.release.deploy import Look, find_last_good
-from rigel_k8s.release.refusals.foresight import Foreseen
-from rigel_k8s.release.survey import Survey, belongs
-from rigel_k8s.release.together import Part, SharedPart, deploy, if_allowed
-from rigel_k8s.release.types import DeployOptions, Desired, Plan
+from rigel_k8s.release.part import Hooks, Look, Part, Run, if_allowed
+from rigel_k8s.release.revisions import find_last_good
+from rigel_k8s.release.survey import belongs
+from rigel_k8s.release.types import DeployOptions, Desired, Revision
 from rigel_k8s.report import Reporter
 
 HINT = "let an administrator run `rigel network install` once"
@@ -55,53 +55,40 @@ class MultusResult:
 
 
 @attrs.define(kw_only=True)
-class MultusPart(SharedPart):
-    """Multus and whereabouts.
+class MultusHooks(Hooks):
+    """Around the installation: report what others have installed, and let all machines prove it.
 
     Attributes:
         installation: as the cluster has it now, and what is to be installed.
-        unproven: machines that have not attached a pod with what is installed now.
         result: set when it is installed.
     """
 
     installation: Installation
-    unproven: frozenset[str] = frozenset()
     result: MultusResult | None = None
 
-    def look(self, cluster: Cluster, *, adopt: bool) -> Look:
-        """Return what would be done: nothing where others have installed it."""
-        if self.installation.installs:
-            return super().look(cluster, adopt=adopt)
-        nothing = Survey(self.desired, (), {}, Foreseen(), None, (), None)
-        return Look(nothing, Plan(RELEASE, ()))
-
-    def changes(self, looked: Look) -> bool:
-        """Whether something is to be installed, or proved."""
-        return bool(self.unproven or (self.installation.installs and super().changes(looked)))
-
-    def write(self, cluster: Cluster, looked: Look, options: DeployOptions) -> None:
-        """Install or update both, and prove that each machine attaches pods.
-
-        Raises:
-            ClusterError: a machine cannot attach pods; the causes are in the details.
-        """
+    def before_write(self, run: Run, seen: Look) -> None:
+        """Report what is not ours; let the roll-out go on without machines that are away."""
         for part, presence in self.installation.parts.items():
             if not presence.ours:
                 name = part.replace("multus", "Multus")
                 source = f"{presence.where}, {presence.image}"
-                options.report.line(f"{name} is already installed ({source}), unchanged")
-        self.warn_of_away(options.report)
-        if self.installation.installs:
-            if super().changes(looked):
-                let_be_away(cluster, self.installation)
-            self.install(cluster, looked, attrs.evolve(options, description="network"))
-        self.result = prove_nodes(cluster, self.installation.options, options)
+                run.report.line(f"{name} is already installed ({source}), unchanged")
+        if self.installation.installs and seen.settled is None:
+            let_be_away(run.cluster, self.installation)
+
+    def after_write(self, run: Run, revision: Revision | None, seen: Look) -> None:
+        """Prove that each machine attaches pods.
+
+        Raises:
+            ClusterError: a machine cannot; the causes are in the details.
+        """
+        self.result = prove_nodes(run.cluster, self.installation.options, run.options)
 
 
 def multus_part(
     given: Install, cluster: Cluster | None, *, own: bool = True, adopt: bool = True
-) -> MultusPart:
-    """Return Multus and whereabouts as a job requests them.
+) -> Part:
+    """Return Multus and whereabouts as a job requests them; its hooks have the result.
 
     Args:
         cluster: None: as they are on a plain cluster.
@@ -120,16 +107,18 @@ def multus_part(
             if error.ground == "right":
                 error.hint = HINT
             raise
-    nothing = Desired(RELEASE, ())
-    return MultusPart(
-        desired=find_release(cluster, installation) if installation.installs else nothing,
+    installs = installation.installs
+    return Part(
+        desired=find_release(cluster, installation) if installs else Desired(RELEASE, ()),
         rank="network",
         own=own,
+        shared=True,
+        foreign=not installs,
+        unfinished=bool(unproven),
         adopt=adopt,
         hint=HINT,
         away=installation.away,
-        installation=installation,
-        unproven=unproven,
+        hooks=MultusHooks(installation=installation),
     )
 
 
@@ -188,11 +177,17 @@ def requested_multus(
 
 
 def install(cluster: Cluster, requested: Install, options: DeployOptions) -> MultusResult:
-    """Install or update both. Raises as release.together.deploy."""
+    """Install or update both. Raises as rigel_k8s.deploy.deploy."""
     part = multus_part(requested, cluster)
     deploy([part], cluster, options)
-    assert part.result is not None
-    return part.result
+    return result_of(part)
+
+
+def result_of(part: Part) -> MultusResult:
+    """Return what an installation has come to."""
+    if not isinstance(part.hooks, MultusHooks) or part.hooks.result is None:
+        raise AssertionError("only what is installed has a result")
+    return part.hooks.result
 
 
 def let_be_away(cluster: Cluster, installation: Installation) -> None:

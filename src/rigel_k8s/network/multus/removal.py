@@ -12,6 +12,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.deploy import down, write_release
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
@@ -20,9 +21,7 @@ from rigel_k8s.network.multus.installation import Installation
 from rigel_k8s.network.multus.interfaces import requests_of
 from rigel_k8s.network.multus.proving import forget
 from rigel_k8s.network.options import Install
-from rigel_k8s.release.deploy import deploy_release
-from rigel_k8s.release.removal import down
-from rigel_k8s.release.run import Run
+from rigel_k8s.release.part import Part, Run
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 
@@ -65,13 +64,8 @@ def remove(
     installation = attrs.evolve(find(cluster, requested), retired=True)
     check_use(cluster, installation, options.report, force=force)
     retiring = attrs.evolve(options, adopt=True, description="network: about to be removed")
-    run = Run(
-        cluster=cluster,
-        desired=find_release(cluster, installation),
-        options=retiring,
-        away=frozenset(installation.away),
-    )
-    deploy_release(run)
+    part = Part(desired=find_release(cluster, installation), away=installation.away)
+    write_release(Run(cluster=cluster, part=part, options=retiring))
     if installation.away:
         options.report.warn(
             f"after it is back, {', '.join(installation.away)} cannot start pods until you run"

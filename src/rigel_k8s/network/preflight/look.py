@@ -91,7 +91,7 @@ class Examination:
                 "attachments": lambda: self.find_attachments(case),
                 "services": self.find_service_ranges,
             }
-        answers = self.cluster.parallel(lambda ask: ask(), questions.values())
+        answers = self.cluster.gather(*questions.values())
         known = dict(zip(questions, answers, strict=True))
         attachments, unread = known.pop("attachments", ({}, frozenset()))
         return ClusterView(**known, attachments=attachments, unread=unread)

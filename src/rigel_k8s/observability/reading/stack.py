@@ -18,8 +18,8 @@ from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
-from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION
+from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import ReleaseId
 
 HINT = (

@@ -6,7 +6,7 @@ answers mean.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,7 +23,6 @@ from rigel_k8s.release.refusals.missing import look_for_missing
 from rigel_k8s.release.refusals.needs import find_absent, find_needs
 from rigel_k8s.release.refusals.rights import need_for
 from rigel_k8s.release.refusals.trials import (
-    Trial,
     changes_template,
     choose_trials,
     try_object,
@@ -85,22 +84,6 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         Forbidden: a dry run was refused because a right is missing.
         ClusterError: the cluster does not answer.
     """
-    results: dict[ObjectRef, Live | Refusal] = {}
-    pods: dict[ObjectRef, Manifest | Refusal] = {}
-    missing: list[Right] = []
-    obstacles: list[Obstacle] = []
-
-    def try_one(manifest: Manifest) -> None:
-        ref = ref_of(manifest)
-        result = try_object(cluster, manifest, work.desired, adopt=adopt)
-        if isinstance(result, Refusal) and result.status == 422 and replaces(manifest, work.live):
-            result = dict(manifest)  # as new: the old one goes before
-        results[ref] = result
-
-    def try_its_pod(trial: Trial) -> None:
-        if (answer := try_pod(cluster, trial)) is not None:
-            pods.update(dict.fromkeys(trial.workloads, answer))
-
     needed = need_for(
         work.manifests,
         work.candidates,
@@ -109,22 +92,33 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         create_namespace=work.namespace is None and work.desired.create_namespace,
     )
     trials = choose_trials(work.in_reach, work.live, work.manifests)
-    calls: list[Callable[[], None]] = [
-        lambda: missing.extend(look_for_missing(cluster, needed, work.desired.release)),
-        *(partial(try_one, manifest) for manifest in work.in_reach),
-        *(partial(try_its_pod, trial) for trial in trials),
-    ]
     changed = [m for m in work.candidates if changes_template(m, work.live)]
-    if changed:
-        calls.append(lambda: obstacles.extend(find_obstacles(cluster, work.desired, changed)))
     claims = [m for m in work.candidates if is_new_claim(m, work.live)]
-    if needs := find_needs(changed, claims, work.manifests):
-        calls.append(lambda: obstacles.extend(find_absent(cluster, needs)))
-    cluster.parallel(lambda call: call(), calls)
+    needs = find_needs(changed, claims, work.manifests)
+
+    def try_one(manifest: Manifest) -> Live | Refusal:
+        result = try_object(cluster, manifest, work.desired, adopt=adopt)
+        if isinstance(result, Refusal) and result.status == 422 and replaces(manifest, work.live):
+            return dict(manifest)  # as new: the old one goes before
+        return result
+
+    missing, obstacles, absent, *answers = cluster.gather(
+        lambda: look_for_missing(cluster, needed, work.desired.release),
+        lambda: list(find_obstacles(cluster, work.desired, changed)) if changed else [],
+        lambda: list(find_absent(cluster, needs)) if needs else [],
+        *(partial(try_one, manifest) for manifest in work.in_reach),
+        *(partial(try_pod, cluster, trial) for trial in trials),
+    )
     refs = [ref_of(manifest) for manifest in work.in_reach]
-    in_order = {ref: results[ref] for ref in refs}
-    tried = {ref: pods[ref] for ref in refs if ref in pods}
-    return Foreseen(in_order, tried, missing, obstacles)
+    results = dict(zip(refs, answers, strict=False))
+    tried = {
+        workload: answer
+        for trial, answer in zip(trials, answers[len(refs) :], strict=True)
+        if answer is not None
+        for workload in trial.workloads
+    }
+    pods = {ref: tried[ref] for ref in refs if ref in tried}
+    return Foreseen(results, pods, missing, [*obstacles, *absent])
 
 
 def find_obstacles(

@@ -12,11 +12,11 @@ from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
 from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import CAUSES, Cause, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Seen
 from rigel_k8s.release.rollout.readiness import UNSEEN
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.run import Run
 
 LOG_LINES = 12
 NO_ROS = re.compile(r"No module named '(rclpy|rospy)'")

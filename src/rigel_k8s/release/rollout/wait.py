@@ -10,13 +10,15 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.refs import Manifest, ref_of
 from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.part import Look, Run
+from rigel_k8s.release.revisions import find_good
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.crashes import find_ended
 from rigel_k8s.release.rollout.patience import Ledger
 from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, ReleaseView
-from rigel_k8s.release.run import Run
+from rigel_k8s.release.types import Revision
 
 LOOK = 0.25  # seconds between two looks at the clock
 BRIEF = 0.01  # seconds of a look after which the next one may follow at once
@@ -38,7 +40,7 @@ def wait(run: Run, applied: Iterable[Manifest], good: int, still_ours: Callable[
         Interrupted: `cancel` was set.
     """
     targets = {ref_of(live): live for live in applied if live["kind"] in WORKLOADS}
-    standing = Standing(targets, run.away)
+    standing = Standing(targets, frozenset(run.part.away))
     account = Account(run, standing, good, Ledger(run.patience))
     standing.look(targets, Surroundings(), time.monotonic())
     account.show_states()
@@ -57,6 +59,14 @@ def wait(run: Run, applied: Iterable[Manifest], good: int, still_ours: Callable[
             raise
         finally:
             account.warn(account.ledger.seen.values())
+
+
+def wait_settled(run: Run, seen: Look, last: Revision) -> Revision:
+    """Return the last revision, which is as desired, when all of it is ready. Raises as wait."""
+    run.part.hooks.stored()
+    live = [step.live for step in seen.plan.steps if step.action == "keep" and step.live]
+    wait(run, live, find_good(seen.survey.history), lambda: None)
+    return last
 
 
 def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[], None]) -> None:

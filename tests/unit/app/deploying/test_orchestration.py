@@ -20,7 +20,7 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release import revisions
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
 from tests.support.fake_cluster import FakeCluster
@@ -73,7 +73,7 @@ def revision(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             return None
         return Revision(release, 3, "good", "", kept["objects"], (), kept["options"])
 
-    monkeypatch.setattr(deploys, "find_last_good", last_good)
+    monkeypatch.setattr(revisions, "find_last_good", last_good)
     return kept
 
 

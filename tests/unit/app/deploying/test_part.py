@@ -8,7 +8,7 @@ from typing import Any, cast
 import attrs
 import pytest
 
-from rigel_k8s.app.deploying.part import ApplicationPart
+from rigel_k8s.app.deploying.part import ApplicationHooks
 from rigel_k8s.app.expectations import Expectation
 from rigel_k8s.app.options import RollbackOn
 from rigel_k8s.objects.scalars import Duration, Range
@@ -33,5 +33,5 @@ def test_the_graph_may_stay_worse_as_long_as_is_said(
     """If nothing requests a rollback, forever; the documentation of `within` has the default."""
     options = SimpleNamespace(rollback_on=asked, expect={"/scan": expected} if expected else {})
     part: Any = SimpleNamespace(prepared=SimpleNamespace(options=options))
-    assert cast(Any, ApplicationPart.limit).fget(part) == limit
+    assert cast(Any, ApplicationHooks.limit).fget(part) == limit
     assert "(default 60s)" in attrs.fields(RollbackOn).within.metadata["doc"]

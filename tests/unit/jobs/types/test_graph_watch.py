@@ -8,13 +8,13 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s import deploy as deploys
 from rigel_k8s import kube
 from rigel_k8s.discovery import check as discovery
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
-from rigel_k8s.release import deploy as deploys
-from rigel_k8s.release import rollback as rollbacks
+from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import idle, watching
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
@@ -97,7 +97,7 @@ class World:
         OrchestrationJob().run(options(raw), job)
 
     def statuses(self) -> list[str]:
-        return [one.status for one in deploys.history(self.fake, RELEASE)]  # type: ignore[arg-type]
+        return [one.status for one in revisions.history(self.fake, RELEASE)]  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -299,7 +299,7 @@ def test_a_worse_graph_is_rolled_back(world: World) -> None:
     assert caught.value.hint is not None
     assert [env["PUBLISHES"] for name, env, _ in world.list_nodes() if name == "lidar"] == ["/scan"]
     assert world.statuses() == ["superseded", "failed", "good"]
-    assert deploys.history(world.fake, RELEASE)[-1].description == "rollback to revision 1"  # type: ignore[arg-type]
+    assert revisions.history(world.fake, RELEASE)[-1].description == "rollback to revision 1"  # type: ignore[arg-type]
 
 
 def test_a_harmless_update_is_not_rolled_back(world: World) -> None:
@@ -322,7 +322,7 @@ def test_a_rollback_that_fails_says_both(world: World, monkeypatch: pytest.Monke
     def fail(*_: Any, **__: Any) -> None:
         raise ClusterError("no route to host", details=["10.0.0.1"])
 
-    monkeypatch.setattr(rollbacks, "rollback", fail)
+    monkeypatch.setattr(deploys, "roll_back", fail)
     world.nodes = {"lidar": DUMB, "planner": PLANNER}
     with pytest.raises(GraphWorse, match="cannot be rolled back to revision 1: no route") as caught:
         world.deploy(rollback_on={"graph_worse": True, "within": "0.1s"})

@@ -16,8 +16,7 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import deploy as deploys
-from rigel_k8s.release import types
+from rigel_k8s.release import revisions, types
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.settings import Application, Settings
@@ -180,7 +179,7 @@ def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
     assert "not ready within 60 s: talker" in caught.value.message
     assert caught.value.message.endswith(": rolled back to revision 1, as revision 3")
     release = ReleaseId("n", "rigel-k8s-application")
-    assert [r.status for r in deploys.history(fake, release)] == ["superseded", "failed", "good"]
+    assert [r.status for r in revisions.history(fake, release)] == ["superseded", "failed", "good"]
     [live] = [o for ref, o in fake.objects.items() if ref.kind == "Deployment"]
     assert "sleep 11" in json.dumps(live["spec"])
 

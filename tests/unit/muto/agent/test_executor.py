@@ -11,7 +11,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, NotFoundError, RigelK8sError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import history
+from rigel_k8s.release.revisions import history
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.allowance import Allowance
 from rigel_muto.agent.commands import Deploy, Kill, Outcome, Stage, Unavailable

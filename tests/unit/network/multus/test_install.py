@@ -9,13 +9,14 @@ import attrs
 import pytest
 
 from rigel_k8s.cli.network import options_of
+from rigel_k8s.deploy import deploy
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.jobs.types.network import NetworkJob
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus import install as installing
 from rigel_k8s.network.multus.install import (
-    MultusPart,
+    MultusHooks,
     MultusResult,
     complete_options,
     find,
@@ -29,7 +30,9 @@ from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
 from rigel_k8s.release import revisions, survey
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.look import look_at
 from rigel_k8s.release.order import PROTECTED
+from rigel_k8s.release.part import Part
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
 from tests.support.controllers import Controllers
@@ -226,7 +229,9 @@ def test_a_cluster_without_linux() -> None:
 def test_what_a_job_wants_installed(network: Any, options: Install | None) -> None:
     """Only a network that Multus attaches, and that says `install`."""
     parts: list[Any] = requested_multus(network, None, Recorder())
-    assert [part.installation.options for part in parts] == ([] if options is None else [options])
+    assert [part.hooks.installation.options for part in parts] == (
+        [] if options is None else [options]
+    )
 
 
 def test_a_data_directory_is_k3s() -> None:
@@ -294,19 +299,18 @@ def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> No
     assert complete_options(cluster, Install()) == Install()
 
 
-def multus_beside_theirs() -> MultusPart:
+def multus_beside_theirs() -> Part:
     """Return the installation on a cluster on which others have installed whereabouts."""
     theirs = Presence((daemon_set("whereabouts", "whereabouts"),), ours=False)
     asked = Installation([Group(platform("plain"))], parts={"whereabouts": theirs})
-    return MultusPart(desired=find_release(None, asked), installation=asked)
+    hooks = MultusHooks(installation=asked)
+    return Part(desired=find_release(None, asked), shared=True, hooks=hooks)
 
 
 def roll_out(fake: FakeCluster) -> Recorder:
     """Install on a cluster whose machines are all still to come."""
-    part = multus_beside_theirs()
     report = Recorder()
-    options = DeployOptions(report=report, timeout=60)
-    part.write(fake, part.look(fake, adopt=False), options)
+    deploy([multus_beside_theirs()], cast(Any, fake), DeployOptions(report=report, timeout=60))
     return report
 
 
@@ -335,14 +339,14 @@ def test_objects_that_another_deploy_has_just_written_are_waited_for(
     before = multus_beside_theirs()
     objects = [one for one in before.desired.objects if one["kind"] != "DaemonSet"]
     before.desired = attrs.evolve(before.desired, objects=objects)
-    before.write(fake, before.look(fake, adopt=False), DeployOptions(report=Recorder()))
+    deploy([before], cast(Any, fake), DeployOptions(report=Recorder()))
     old = revisions.records(fake, RELEASE)
     assert old[-1].status == "good"
     roll_out(fake)
     part = multus_beside_theirs()
-    assert not part.changes(part.look(fake, adopt=False))
+    assert not look_at(part, cast(Any, fake), adopt=False).writes
     monkeypatch.setattr(survey, "records", lambda *_: old)
-    assert part.changes(part.look(fake, adopt=False))
+    assert look_at(part, cast(Any, fake), adopt=False).writes
 
 
 def test_a_killed_installation_is_completed_by_the_next(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,6 +68,9 @@ class Cluster:
     def parallel(self, function: Callable[[Any], Any], items: Any) -> list[Any]:
         return [function(item) for item in items]
 
+    def gather(self, *calls: Callable[[], Any]) -> tuple[Any, ...]:
+        return tuple(call() for call in calls)
+
     def serves(self, api_version: str, kind: str) -> bool:
         return True
 

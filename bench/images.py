@@ -24,7 +24,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.network.dds import transports
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.application import flat
 from rigel_k8s.app.deploying.target import release_key, release_of
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.app.rights import PURPOSES, read_rights
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import index_by_name

@@ -8,8 +8,8 @@ import attrs
 import pytest
 
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.generation import Texts
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Application
 from tests.support.options import options

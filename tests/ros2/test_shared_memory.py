@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.network.dds import fastdds_profile, transports
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 import attrs
 
+from rigel_k8s.network.modes import mode_named
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.expansion import Expanded
 from rigel_k8s.rigelfile.findings import Finding, place
@@ -87,5 +88,5 @@ def take_out(
 
 def show_all_topics(node: YamlNode) -> dict[str, Any]:
     """Return what a node needs that sees all topics: discovery servers show them on request."""
-    served = locate(node, ("network", "mode")).value == "discovery-server"
-    return {"env": {"ROS_SUPER_CLIENT": "TRUE"}} if served else {}
+    mode = mode_named(str(locate(node, ("network", "mode")).value))
+    return {"env": {"ROS_SUPER_CLIENT": "TRUE"}} if mode.asks_servers else {}

@@ -11,11 +11,12 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.app.command import Command
+from rigel_k8s.app.generation import Generation, Loading
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, unify_lists
-from rigel_k8s.app.programs import Command, find_program, full_name, run_beside
+from rigel_k8s.app.programs import full_name, run_beside
 from rigel_k8s.app.updating import is_rolling
-from rigel_k8s.generation import Generation, Loading
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.substitution_args import has_substitution
@@ -82,7 +83,7 @@ def explain_no_loading(node: NodeOptions, ros: Generation, loading: Loading) -> 
         return "components are loaded by the node's name, but an anonymous node's name is unknown"
     if loading.twice and is_rolling(node.update):
         return loading.twice
-    line = find_program(ros, node)
+    line = ros.find_program(node)
     if line and not ros.takes_arguments(line):
         return f"{line[0]} does not pass on the node's name, by which components are loaded"
     return None

@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.application import flat
+from rigel_k8s.app.generation import Generation, Texts, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.parts import Parts
 from rigel_k8s.app.security import restrict
-from rigel_k8s.generation import Generation, Texts, generation_of
 from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import Manifest, ref_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.pods import SCRIPTS_PATH, Object
@@ -34,7 +35,7 @@ def ros_variables(
     """Return ROS' own variables; a program without ROS has none."""
     if not release.ros.nodes:
         return {}
-    own = release.ros.variables(
+    own = GENERATIONS[release.ros.name].variables(
         release, namespace, "status.hostIP" if host_network else "status.podIP"
     )
     return own | {"PROMPT_COMMAND": {"value": f". {SCRIPTS_PATH}/rc.sh"}}

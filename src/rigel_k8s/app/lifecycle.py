@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from rigel_k8s.app.command import Command
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import Command, find_program, full_name, run_beside
+from rigel_k8s.app.programs import full_name, run_beside
 from rigel_k8s.app.updating import is_rolling
-from rigel_k8s.generation import Generation
 from rigel_k8s.problems import Problem
 
 STOP = "RIGEL_K8S_TRANSITIONS"
@@ -44,7 +45,7 @@ def check_lifecycle(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
 
 def explain_no_transitions(node: NodeOptions, ros: Generation) -> str | None:
     """Return why no transitions of a node can be made, None if they can."""
-    line = find_program(ros, node)
+    line = ros.find_program(node)
     if not ros.lifecycle:
         return "only ROS 2 has lifecycle nodes"
     if node.anonymous:

@@ -9,9 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import attrs
 
 from rigel_k8s.app import foxglove
+from rigel_k8s.app.command import Command
 from rigel_k8s.app.components import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
 from rigel_k8s.app.files import Mounted, hash_files, mount_files, split_contents
+from rigel_k8s.app.generation import GENERATIONS, Generation
 from rigel_k8s.app.layer import (
     choose_port,
     explain_left_out,
@@ -24,12 +26,11 @@ from rigel_k8s.app.layer import (
 from rigel_k8s.app.lifecycle import list_variables, make_transitions
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.programs import Command, find_program, full_name, put_start_before, wrap
+from rigel_k8s.app.programs import full_name, put_start_before, wrap
 from rigel_k8s.app.testing import TEST_ANNOTATION
-from rigel_k8s.app.updating import Way, choose_way, find_exclusive
+from rigel_k8s.app.updating import Way, find_exclusive
 from rigel_k8s.app.volumes import device_resources, mounts
-from rigel_k8s.generation import Generation
-from rigel_k8s.network.modes import mode_of, wire_pod
+from rigel_k8s.network.modes import mode_of, ready_words, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.naming import (
@@ -131,7 +132,7 @@ class RosNode:
         """Whether the library of ROS 2 can be loaded into its program."""
         if not self.ros.rmw or not self.container:
             return False
-        return explain_left_out(self.options, find_program(self.ros, self.options)) is None
+        return explain_left_out(self.options, self.ros.find_program(self.options)) is None
 
     @property
     def identity(self) -> PodIdentity:
@@ -310,7 +311,7 @@ def way_of(
 ) -> Way:
     """Return how a node's pod is updated, with what the node needs for it."""
     options = node.options
-    way = choose_way(
+    way = GENERATIONS[release.ros.name].choose_way(
         release,
         node.name,
         node.ros_name,
@@ -423,7 +424,7 @@ def list_probe_words(pod: NodePart) -> tuple[str, ...]:
     name = full_name(pod.node.key, options)
     beside = (word for option, on in waited_for.items() if on for word in (option, name))
     node = ("--node", name) if pod.layered and pod.node.ros_name and pod.node.sets_name else ()
-    return (*pod.plan.ros.probe(pod.plan), *node, *beside)
+    return (*ready_words(pod.plan), *node, *beside)
 
 
 def liveness(pod: NodePart) -> Object:

@@ -15,13 +15,13 @@ from rigel_k8s.app.application import (
 )
 from rigel_k8s.app.expectations import describe_all
 from rigel_k8s.app.files import list_mounted
+from rigel_k8s.app.generation import GENERATIONS, Companion, Generation, Texts
 from rigel_k8s.app.layer import choose_layer, pods_name
 from rigel_k8s.app.networkpolicy import policy_objects
 from rigel_k8s.app.nodes import NODE_CONTAINER, RosNode, keeper_port, plan_of, pod_objects
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.recording import find_faults
 from rigel_k8s.app.volumes import storage
-from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
@@ -58,9 +58,14 @@ class Parts:
     texts: Texts
 
     @property
+    def ros(self) -> Generation:
+        """Which ROS it is."""
+        return GENERATIONS[self.release.ros.name]
+
+    @property
     def companions(self) -> Sequence[Companion]:
         """The workloads beside the nodes."""
-        return self.release.ros.companions(self.options, self.release.distro)
+        return self.ros.companions(self.options, self.release.distro)
 
     def nodes(self) -> Iterator[RosNode]:
         """Yield the nodes, src.plugin's one application first."""
@@ -69,7 +74,7 @@ class Parts:
             yield RosNode(
                 str(self.options.deployment_name),
                 choose_layer(application_options(self.options), self.options),
-                self.release.ros,
+                self.ros,
                 str(self.options.application_image or self.release.default_image),
                 volumes=volumes,
                 container=None if replaces_container(self.options) else APP_CONTAINER,
@@ -77,7 +82,7 @@ class Parts:
             )
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
-            ros = self.release.ros.of_node(node)
+            ros = self.ros.of_node(node)
             node = keep_apart(choose_layer(node, self.options), self.options)
             container = object_name(str(key)) if node.pod else NODE_CONTAINER
             mounted = tuple(list_mounted(node, self.texts.folders))
@@ -95,7 +100,7 @@ class Parts:
     @property
     def exporter(self) -> RosMetrics | None:
         """What the exporter should do; None without one, or if it could see nothing."""
-        unseen = self.release.ros.explain_unseen(self.options)
+        unseen = self.ros.explain_unseen(self.options)
         seen = has_workloads(self.options) and unseen is None
         return self.options.observability.exporter if seen else None
 
@@ -170,7 +175,7 @@ class Parts:
         named = {node.ros_name: node for node in near if node.ros_name}
         ours = {name: node.name for name, node in named.items() if node.sets_name}
         rest = {name: node.name for name, node in named.items() if name not in ours}
-        loading = self.release.ros.components
+        loading = self.ros.components
         if loading is not None and loading.are_nodes:
             ours |= {
                 one.full_name(key): n.name

@@ -13,10 +13,10 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.app.command import Command
 from rigel_k8s.app.environment import Extra, entries
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, ParameterOptions, file_of, list_paths
-from rigel_k8s.generation import Generation
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
@@ -34,22 +34,6 @@ NO_ROS_ARGUMENTS = frozenset(
 VALUES = "99-parameters.json"
 
 
-@attrs.frozen
-class Command:
-    """A container's command and args (None: the image's own), and its parameter files.
-
-    Attributes:
-        files: name to text, to be mounted at PARAMETERS_PATH.
-        start: the words of start.sh, which `put_start_before` puts before all others; empty
-            if there is nothing to prepare.
-    """
-
-    command: Sequence[str] | None = None
-    args: Sequence[str] | None = None
-    files: Mapping[str, str] = attrs.field(factory=dict)
-    start: Sequence[str] = ()
-
-
 def full_name(key: str, node: NodeOptions) -> str:
     """Return the full ROS name of a node."""
     return ros_name(node.name or key, node.namespace)
@@ -58,14 +42,6 @@ def full_name(key: str, node: NodeOptions) -> str:
 def assignments(pairs: Mapping[Any, Any]) -> Iterator[str]:
     """Yield `name:=value` for each pair."""
     return (f"{name}:={text_of(value)}" for name, value in pairs.items())
-
-
-def find_program(ros: Generation, node: NodeOptions) -> list[str]:
-    """Return what a node runs; empty for an invalid command line, which others report."""
-    try:
-        return ros.program(node)
-    except ValueError:
-        return []
 
 
 def run_beside(command: Command, *words: str) -> Command:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import attrs
 
 from rigel_k8s.app.volumes import device_of, mount_of
-from rigel_k8s.generation import GENERATIONS, Generation
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.fields import option
@@ -25,6 +24,7 @@ from rigel_k8s.objects.podsecurity import find_in_context, find_violations, pod_
 from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.objects.scalars import Number
 from rigel_k8s.problems import Path, Problem
+from rigel_k8s.ros import BY_NAME, Ros
 
 if TYPE_CHECKING:
     from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
@@ -88,14 +88,14 @@ def security_of(value: Security | Level | None) -> Security | None:
     return Security(level=value) if isinstance(value, str) else value
 
 
-def restrict(item: Mapping[str, Any], security: Security, ros: Generation) -> Object:
+def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
     """Return a Deployment whose pods pass the level "restricted"; other objects unchanged."""
     if item["kind"] != "Deployment":
         return dict(item)
     made: Object = simplify(item)
     template = made["spec"]["template"]
     pod = template["spec"]
-    ros = GENERATIONS[template["metadata"].get("annotations", {}).get(ROS_ANNOTATION, ros.name)]
+    ros = BY_NAME[template["metadata"].get("annotations", {}).get(ROS_ANNOTATION, ros.name)]
     pod["securityContext"] = pod_context(int(security.user)) | (pod.get("securityContext") or {})
     if ros.prepares_home and pod.get("containers"):
         prepare_home(template)
@@ -131,7 +131,7 @@ def prepare_home(template: Object) -> None:
     meta["annotations"] = {DEFAULT_CONTAINER: first["name"], **meta.get("annotations", {})}
 
 
-def restrict_container(container: Object, ros: Generation, *, read_only: bool) -> None:
+def restrict_container(container: Object, ros: Ros, *, read_only: bool) -> None:
     """Fill in a container's securityContext, variables and mounts."""
     own = container.get("securityContext") or {}
     default: Object = {"allowPrivilegeEscalation": False}
@@ -155,7 +155,7 @@ def restrict_container(container: Object, ros: Generation, *, read_only: bool) -
     ]
 
 
-def variables(ros: Generation) -> dict[str, str]:
+def variables(ros: Ros) -> dict[str, str]:
     """Return the variables that point programs to where they may write."""
     home = {"HOME": HOME_PATH, "USER": USER_NAME, "LOGNAME": USER_NAME}
     if not ros.nodes:

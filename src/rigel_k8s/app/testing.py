@@ -13,9 +13,9 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.application import flat
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.volumes import device_of, mount_of
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.podoptions import RollingUpdate

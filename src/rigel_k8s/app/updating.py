@@ -73,40 +73,6 @@ def requests_hand_over(update: RollingUpdate | None) -> bool:
     return update is not None and (update.strategy or "").lower() == "handover"
 
 
-def choose_way(
-    release: ReleaseContext,
-    workload: str,
-    ros_name: str | None,
-    update: RollingUpdate | None,
-    obstacle: str | None,
-    *,
-    anonymous: bool = False,
-    exclusive: str | None = None,
-) -> Way:
-    """Return how a workload is updated.
-
-    Args:
-        ros_name: the full name of the node, if it is known.
-        obstacle: why it cannot be handed over; see Generation.find_obstacle.
-        exclusive: why one machine cannot run two of its pods; see find_exclusive.
-    """
-    asked = update or RollingUpdate()
-    if is_rolling(update):
-        return Way("Rolling", "`update` requests it", asked)
-    if asked.strategy is not None and asked.strategy.lower() == "recreate":
-        return Way("Recreate", "`update` requests it", asked)
-    if anonymous and exclusive:
-        return Way("Recreate", exclusive, asked)
-    if anonymous:
-        return Way("Rolling", "its ROS name differs in each pod", asked)
-    return release.ros.choose_way(release, workload, ros_name, asked, obstacle)
-
-
-def recreate(*_: Any) -> Way:
-    """Return how workloads of a generation are updated that hands nothing over."""
-    return Way("Recreate", "nothing arbitrates between two programs")
-
-
 def find_exclusive(
     node: NodeOptions, volumes: Mapping[str, Volume], network: Network | None
 ) -> str | None:

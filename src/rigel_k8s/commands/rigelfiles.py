@@ -12,8 +12,8 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.problems import Problem

@@ -15,27 +15,15 @@ import attrs
 from rigel_k8s.discovery.looks import Observation
 from rigel_k8s.discovery.losses import find_losses
 from rigel_k8s.discovery.members import Member
+from rigel_k8s.network.modes import mode_named
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem, Severity
 
-SET_NETWORK = (
-    "a pod network usually carries no multicast: set `network` to macvlan if the machines share"
-    " an Ethernet, otherwise peers or discovery-server, host on a single machine"
-)
-#: Where to look, by the network's mode.
 SWITCH = (
     "check the network between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
     " snooping and no querier (multicast then stops after minutes)"
 )
-REMEDIES = {
-    "none": SET_NETWORK,
-    "peers": "check that each workload's Service exists, and no NetworkPolicy or firewall blocks"
-    " UDP",
-    "discovery-server": "check that the server's pod runs, its Service exists, and UDP passes both"
-    " ways",
-    "zenoh": "check that the router's pod runs, its Service exists, and TCP port 7447 is open",
-}
 OWN = (
     "check whether its image sets ROS_DOMAIN_ID or limits DDS (ROS_LOCALHOST_ONLY,"
     " ROS_AUTOMATIC_DISCOVERY_RANGE, a profile), or a firewall drops UDP"
@@ -150,7 +138,7 @@ def discoveries(members: Sequence[Member], seen: Mapping[str, Observation]) -> K
     forgetful = {pod for pod, other in matched if not knows_names(seen[pod], seen[other])}
     forgetful |= {one.pod for one in able if max(seen[one.pod].nodes.values(), default=0) > STANDS}
 
-    nameless = {one.pod for one in able if one.mode == "peers" and not one.ready}
+    nameless = {one.pod for one in able if mode_named(one.mode).lists_peers and not one.ready}
 
     def found(a: Member, b: Member) -> bool | None:
         does = (a.pod, b.pod) in matched or discovers(a, b, seen)
@@ -215,7 +203,7 @@ def find_deaf(looked: Sequence[Member], known: Known) -> tuple[tuple[str, str], 
 
 def severity_of(member: Member) -> Severity:
     """Return how serious it is that a pod is not discovered: `network` promises it."""
-    return "error" if member.mode != "none" else "warning"
+    return "error" if mode_named(member.mode).connects else "warning"
 
 
 def explain_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[Problem]:
@@ -262,7 +250,7 @@ def explain_deaf(deaf: Sequence[tuple[str, str]], looked: Sequence[Member]) -> I
         pods = [member for member in looked if member.machine in names]
         counts = Counter(member.machine for member in looked)
         lone = [member.pod for member in pods if counts[member.machine] == 1]
-        remedy = REMEDIES.get(pods[0].mode, SWITCH)
+        remedy = mode_named(pods[0].mode).remedy or SWITCH
         if lone and not everywhere:
             remedy += f"; or does the image of {' or '.join(lone[:2])} set ROS_DOMAIN_ID?"
         yield Problem(
@@ -298,7 +286,7 @@ def explain_undiscovered(
         which = "any other pod" if len(others) == len(known[pod]) else join_words(sorted(others))
         message = f"{pod} is not discovered by {which}"
         remedy = OWN
-        if member.mode == "peers":
+        if mode_named(member.mode).lists_peers:
             service = peer_name(member.workload)
             remedy = f"check that the Service {service} exists, and no NetworkPolicy blocks UDP"
         severity = severity_of(member)

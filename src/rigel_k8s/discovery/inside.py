@@ -16,7 +16,7 @@ from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
-from rigel_k8s.network.modes.peers import peer_name
+from rigel_k8s.network.modes import mode_named
 
 __all__ = ["listen", "read_module", "read_notes", "run_inside"]
 
@@ -144,13 +144,8 @@ def choose_domain(members: Iterable[Member]) -> int:
 def configure(members: Sequence[Member], domain: int) -> dict[str, Any]:
     """Return the arguments of the exporter's Domain, to join discovery as the nodes do."""
     first = next(member for member in members if (member.domain or 0) == domain)
-    modes = {"peers": "peers", "discovery-server": "discovery-server"}
-    mode = modes.get(first.mode, "discovery-server" if first.servers else "multicast")
-    config: dict[str, Any] = {"domain": domain, "mode": mode}
+    config: dict[str, Any] = {"domain": domain, "mode": "multicast"}
     if first.interface:
         config["interface"] = first.interface
-    if mode == "peers":
-        config["peers"] = sorted({peer_name(member.workload) for member in members})
-    if mode == "discovery-server":
-        config["servers"] = list(first.servers)
-    return config
+    workloads = [member.workload for member in members]
+    return {**config, **mode_named(first.mode).join_seen(workloads, first.servers)}

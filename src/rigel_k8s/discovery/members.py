@@ -9,12 +9,13 @@ from typing import Any
 import attrs
 
 from rigel_inpod import MOUNT_PATH
-from rigel_k8s.generation import GENERATIONS, Generation
+from rigel_k8s.network.modes import mode_named
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import denies_ros
 from rigel_k8s.objects.podnodes import shared_pod, split_all
+from rigel_k8s.ros import BY_NAME, ROS_1, Ros
 
 #: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
 OWN_WAYS = (
@@ -90,11 +91,11 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     annotations = meta.get("annotations") or {}
     note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
     container = find_container(spec)
-    if "mode" not in note or container is None or not generation_of_note(note).dds:
+    if "mode" not in note or container is None or not ros_of_note(note).dds:
         return None
     if denies_ros(annotations):  # beside ROS nodes: its DDS is not checked
         return None
-    shared = shared_pod(pod)
+    shared, mode = shared_pod(pod), mode_named(str(note["mode"]))
     env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
     interface = note.get("interface")
     return Member(
@@ -105,12 +106,12 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         container=str(container["name"]),
         mode=str(note["mode"]),
         domain=None if note.get("domain") is None else int(note["domain"]),
-        middleware=str(note.get("middleware") or ("zenoh" if note["mode"] == "zenoh" else "")),
+        middleware=str(note.get("middleware") or mode.middleware or ""),
         interface=str(interface) if interface else None,
         address=choose_address(note, annotations, interface),
         ip=str(status.get("podIP") or ""),
         servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
-        own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
+        own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if not mode.connects else (),
         running=runs(status, str(container["name"])),
         reachable=not is_out_of_reach(pod),
         probed=PROBE in probe_words(container),
@@ -125,12 +126,13 @@ def name_memory(pod: Mapping[str, Any], note: Mapping[str, Any]) -> str:
     if not note.get("shared_memory"):
         return ""
     machine = str((pod.get("spec") or {}).get("nodeName") or "")
-    return f"machine {machine}" if note.get("mode") == "host" else f"pod {pod['metadata']['name']}"
+    of_machine = mode_named(str(note.get("mode"))).in_machine_network
+    return f"machine {machine}" if of_machine else f"pod {pod['metadata']['name']}"
 
 
-def generation_of_note(note: Mapping[str, Any]) -> Generation:
-    """Return the generation of a pod's network annotation; a pod of the first one has none."""
-    return GENERATIONS.get(str(note.get("ros")), next(iter(GENERATIONS.values())))
+def ros_of_note(note: Mapping[str, Any]) -> Ros:
+    """Return which ROS a pod's network annotation names; a pod of ROS 1 has none."""
+    return BY_NAME.get(str(note.get("ros")), ROS_1)
 
 
 def parse_json(text: str | None, otherwise: Any) -> Any:

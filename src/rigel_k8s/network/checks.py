@@ -12,13 +12,13 @@ from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 
 import attrs
 
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.addresses import Pool
 from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import MODES, mode_of
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Path, Problem
+from rigel_k8s.ros import Ros
 
 #: Options that have an effect only if addresses are given out by these options.
 OF_RANGES = ("subnet", "range_start", "range_end", "exclude", "gateway", "routes")
@@ -42,7 +42,7 @@ def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
     if not use.ros.dds and not mode.with_master:
         message = f"{mode.name} is for DDS; nodes of {use.ros.title} find each other by a master"
         yield Problem(mode_path(network), message, "ros1")
-    if use.middleware == "zenoh" and mode.name not in ("zenoh", "none"):
+    if use.middleware == "zenoh" and mode.connects and mode.middleware != "zenoh":
         message = "zenoh finds others through its router, not by DDS: set `network: zenoh`"
         yield Problem(mode_path(network), message, "wrong-mode")
     else:
@@ -71,7 +71,7 @@ def check_keys(network: Network) -> Iterator[Problem]:
                 f"`{key}` is for {join_words(modes)}; {network.mode} does not read it: leave it out"
             )
             yield Problem(("network", key), message, "foreign-key", at_key=True)
-        elif key in OF_RANGES and (reason := explain_unused(network)):
+        elif key in OF_RANGES and (reason := mode_of(network).explain_unused(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
 
 
@@ -90,17 +90,7 @@ def guess_mode(network: Network) -> str | None:
     return common.pop()
 
 
-def explain_unused(network: Network) -> str | None:
-    """Return why the options about addresses have no effect, None if they have one."""
-    if network.mode == "attachment" and network.ipam != "static":
-        return (
-            "the existing attachment decides about addresses; this has an effect only with"
-            " `ipam: static`"
-        )
-    return None
-
-
-def check_domain(network: Network, ros: Generation) -> Iterator[Problem]:
+def check_domain(network: Network, ros: Ros) -> Iterator[Problem]:
     """Yield domains that do not exist, or whose ports other programs may have."""
     domain = network.domain_id
     if domain is None:

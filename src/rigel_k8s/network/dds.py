@@ -63,7 +63,7 @@ def shares_memory(plan: NetworkPlan, pod: PodIdentity | None, *, pinned: bool = 
         return False
     if plan.options and plan.options.shared_memory:
         return True
-    if pod is None or pod.on_machine or plan.mode == "host":
+    if pod is None or pod.on_machine or plan.on_machine:
         return False
     return pod.shares_memory
 

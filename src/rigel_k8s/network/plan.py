@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.addresses import assign, read_addresses
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
+from rigel_k8s.ros import Ros
 
 #: Domains whose ports Linux does not give to other programs.
 SAFE_DOMAINS = 101
@@ -21,7 +21,7 @@ def network_plan(
     *,
     namespace: str,
     release: str,
-    ros: Generation,
+    ros: Ros,
     distro: str,
     middleware: str | None = None,
     pods: Sequence[PodIdentity] = (),
@@ -44,6 +44,7 @@ def network_plan(
         namespace=namespace,
         release=release,
         options=network,
+        on_machine=mode_of(network).in_machine_network,
         ros=ros,
         distro=distro,
         middleware=middleware or mode_of(network).middleware,
@@ -56,14 +57,14 @@ def network_plan(
     )
 
 
-def domain(network: Network | None, ros: Generation, salt: str) -> int | None:
+def domain(network: Network | None, ros: Ros, salt: str) -> int | None:
     """Return the DDS domain: the option's, or 0 on the machines' network, or one per release.
 
     None if neither decides: an image of ROS 2 may set it, and a plain DDS application sets its own.
     """
     if network is None or network.domain_id is not None:
         return network.domain_id if network else None
-    if network.mode == "none" or not ros.nodes:
+    if not mode_of(network).connects or not ros.nodes:
         return None
     if not mode_of(network).own_domain:
         return 0

@@ -8,8 +8,8 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.options import Network
+from rigel_k8s.ros import Ros
 
 Object = dict[str, Any]
 
@@ -54,18 +54,20 @@ class NetworkPlan:
         pods: all workloads of the release that take part.
         addresses: workload name -> its address with prefix length, for `ipam: static`.
         pull_secrets: Secrets with registry credentials, for pods that a mode adds.
+        on_machine: its pods have their machine's own network.
     """
 
     namespace: str
     release: str
     options: Network | None
-    ros: Generation
+    ros: Ros
     distro: str
     middleware: str | None = None
     domain_id: int | None = None
     pods: Sequence[PodIdentity] = ()
     addresses: Mapping[str, str] = attrs.field(factory=dict)
     pull_secrets: Sequence[str] = ()
+    on_machine: bool = False
 
     @property
     def mode(self) -> str:

@@ -8,10 +8,10 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.generation import Generation
 from rigel_k8s.objects.naming import labels, selector
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, log_volume
+from rigel_k8s.ros import Ros
 
 
 @attrs.frozen
@@ -29,7 +29,7 @@ class ReleaseContext:
     namespace: str
     release: str
     distro: str
-    ros: Generation
+    ros: Ros
     pull_secrets: Sequence[str] = ()
     master_uri: str | None = None
     gate: bool = False
@@ -137,4 +137,4 @@ def readiness_of(release: ReleaseContext, asked: Readiness | str | None) -> Read
 
 def ros_volumes(release: ReleaseContext) -> list[tuple[Object, Object]]:
     """Return (volume, mount) of what is ours in each pod."""
-    return [inpod_volume(release.release), *release.ros.volumes()]
+    return [inpod_volume(release.release), *([log_volume()] if release.ros.logs else [])]

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import attrs
 
-from rigel_k8s.generation import GENERATIONS
-from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.release.types import ReleaseId
-
 
 @attrs.frozen
 class WaitingNode:
@@ -65,9 +61,3 @@ class GateStatus:
     unkept: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     problem: str = ""
-
-
-def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
-    """Return the status of what arbitrates in a release; None if nothing does."""
-    found = (generation.read_gate(cluster, release) for generation in GENERATIONS.values())
-    return next((status for status in found if status is not None), None)

@@ -9,13 +9,12 @@ import attrs
 
 from rigel_k8s.discovery.members import (
     find_container,
-    generation_of_note,
     has_layer,
     name_memory,
     parse_json,
+    ros_of_note,
     runs,
 )
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
 from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
@@ -23,6 +22,7 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.ros import Ros
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 
@@ -45,7 +45,7 @@ class GraphPod:
     container: str
     machine: str = ""
     ros_name: str = ""
-    ros: Generation = attrs.field(factory=lambda: generation_of_note({}))
+    ros: Ros = attrs.field(factory=lambda: ros_of_note({}))
     addresses: frozenset[str] = frozenset()
     ready: bool = False
     running: bool = False
@@ -85,7 +85,7 @@ def read_pod(item: Mapping[str, Any]) -> GraphPod:
         namespace=str(meta["namespace"]),
         workload=str((meta.get("labels") or {}).get(NAME_LABEL, "")),
         container=container,
-        ros=generation_of_note(parse_json(notes.get(NETWORK_ANNOTATION), {})),
+        ros=ros_of_note(parse_json(notes.get(NETWORK_ANNOTATION), {})),
         machine=str(spec.get("nodeName") or ""),
         ros_name=str(notes.get(ROS_NAME_ANNOTATION, "")),
         addresses=frozenset(list_addresses(notes, status)),

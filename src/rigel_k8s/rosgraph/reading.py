@@ -13,11 +13,11 @@ import attrs
 
 from rigel_k8s.discovery.members import Member, members
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import Generation
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.ros import Ros
 from rigel_k8s.rosgraph.pods import (
     GraphPod,
     expected_nodes,
@@ -56,7 +56,7 @@ def read_graph_of(
             f"no pod of {release.name} is in the namespace {release.namespace}",
             hint="`rigel status` shows what runs; -n names another namespace",
         )
-    graph = choose_generation(pods, participants).read_graph(cluster, pods, participants, span)
+    graph = read(choose_ros(pods, participants), cluster, pods, participants, span)
     nodes = place_nodes(graph.nodes, pods, expected_nodes(deployments))
     return attrs.evolve(
         graph,
@@ -67,6 +67,23 @@ def read_graph_of(
     )
 
 
-def choose_generation(pods: Sequence[GraphPod], participants: Sequence[Member]) -> Generation:
-    """Return the generation that reads a release's graph, by its pods and those in DDS."""
+def choose_ros(pods: Sequence[GraphPod], participants: Sequence[Member]) -> Ros:
+    """Return how a release's graph is read, by its pods and those in DDS."""
     return next((pod.ros for pod in pods if bool(participants) == pod.ros.dds), pods[0].ros)
+
+
+def read(
+    ros: Ros, cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
+) -> RosGraph:
+    """Return the graph: what the nodes have noted, what discovery finds, or what a master has."""
+    if ros.rmw:
+        from rigel_k8s.rosgraph import ros2
+
+        return ros2.read(cluster, pods, members, span)
+    if ros.dds:
+        from rigel_k8s.rosgraph import dds
+
+        return dds.read(cluster, pods, members)
+    from rigel_k8s.rosgraph import ros1
+
+    return ros1.read(cluster, pods, span)

@@ -12,8 +12,8 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.kube import connect
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.options import Network

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RolloutFailed
-from rigel_k8s.generation import Texts
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, structure

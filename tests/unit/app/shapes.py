@@ -10,8 +10,8 @@ from typing import Any
 
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.generation import Texts
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, merge_options, structure

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from rigel_k8s.app.command import Command
 from rigel_k8s.app.generations.ros1.commands import LOADER, command_of
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.programs import Command
 
 from .shapes import container, env, find, options, release
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.app.generation import GENERATIONS, Texts
 from rigel_k8s.app.generations.ros1.commands import resolve
 from rigel_k8s.app.parts import Parts
-from rigel_k8s.generation import GENERATIONS, Texts
 from rigel_k8s.objects.workloads import ReleaseContext
 
 from .shapes import find, options, problems, release

@@ -7,10 +7,11 @@ from datetime import date
 import pytest
 
 from rigel_k8s.app.checks.application import check
+from rigel_k8s.app.generation import GENERATIONS, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.distros import CURRENT, ROS1, ROS2
-from rigel_k8s.generation import GENERATIONS, find_end, generation_of
 from rigel_k8s.rigelfile import render_starter
+from rigel_k8s.ros import find_end
 
 
 @pytest.mark.parametrize("distro", ["kinetic", "melodic", "noetic", "Noetic", "our-own"])

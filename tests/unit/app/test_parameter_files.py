@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from rigel_k8s.app.deploying.parameterfiles import check_parameter_files
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.app.generations.ros2files import check_file, nest_parameters
-from rigel_k8s.generation import GENERATIONS
 from tests.support.ros_parameters import MATCHING, VALUES, WRONG
 
 from .shapes import options

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigel_k8s.app.desired import Draft
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.release.types import ReleaseId
 
 

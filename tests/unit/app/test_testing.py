@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import yaml
 
+from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.testing import choose_nodes, find_shared, make_test_pod
-from rigel_k8s.generation import generation_of
 
 from .shapes import find, options, problems, release
 

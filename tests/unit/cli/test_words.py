@@ -14,6 +14,7 @@ import yaml
 from click.testing import CliRunner, Result
 
 from rigel_k8s import lab
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.rigelfiles import count
@@ -24,7 +25,6 @@ from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.errors import ProblemsError, UserError
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.history import Entry

@@ -11,8 +11,8 @@ import pytest
 from rigel_exporter.config import Config
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.generation import Texts
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import Desired, ReleaseId

@@ -10,12 +10,12 @@ import attrs
 import pytest
 
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import TargetJob, job_of, read_jobs
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.generation import Texts
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import yaml
 
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NetworkPlan, PodIdentity

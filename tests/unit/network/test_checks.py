@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.app.checks.network import check_network
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 
 from ..app.shapes import options
 from .shapes import GOLDEN

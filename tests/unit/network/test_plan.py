@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.network.options import Network, middleware_name, network_of
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.commands import rigelfiles
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import check_file, render_starter, schema
 from tools.reference.options import write_options

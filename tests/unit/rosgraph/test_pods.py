@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.generation import GENERATIONS
+from rigel_k8s.ros import ROS_2
 from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch, RosGraph
@@ -75,7 +75,7 @@ def test_pods_are_read_from_what_kubernetes_says() -> None:
             container="ros-node",
             machine="node1",
             ros_name="/b",
-            ros=GENERATIONS["2"],
+            ros=ROS_2,
             addresses=frozenset({"10.0.0.9", "10.1.0.9"}),
             ready=True,
             running=True,

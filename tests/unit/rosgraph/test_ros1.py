@@ -21,7 +21,7 @@ from rigel_k8s.objects import pods
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import ros1
-from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode, read_gate
+from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch
 from tests.support.pythons import find_python
@@ -259,7 +259,7 @@ def answering(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_a_gate_is_asked_in_its_pod() -> None:
     """What it answers, as values."""
     cluster = MasterCluster("ros-master", "gate")
-    assert read_gate(cluster, RELEASE) == GateStatus(  # type: ignore[arg-type]
+    assert ros1.read_gate(cluster, RELEASE) == GateStatus(  # type: ignore[arg-type]
         waiting=(WaitingNode("/talker", "http://10.0.0.2:1/", "http://10.0.0.1:1/"),),
         conflicts=(NameConflict("/map", "http://10.0.0.3:1/", "http://10.0.0.4:1/", 3.5),),
         silent=("/camera",),
@@ -276,7 +276,7 @@ def test_a_gate_is_asked_in_its_pod() -> None:
 @pytest.mark.usefixtures("answering")
 def test_an_earlier_gate_has_no_notes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(GATE, "notes")
-    found = read_gate(MasterCluster("ros-master", "gate"), RELEASE)  # type: ignore[arg-type]
+    found = ros1.read_gate(MasterCluster("ros-master", "gate"), RELEASE)  # type: ignore[arg-type]
     assert found is not None
     assert found.notes == ()
 
@@ -284,7 +284,7 @@ def test_an_earlier_gate_has_no_notes(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_master_without_a_gate_is_not_asked() -> None:
     """Nor one whose gate does not run."""
     for cluster in (MasterCluster("ros-master"), MasterCluster("gate", state="waiting")):
-        assert read_gate(cluster, RELEASE) is None  # type: ignore[arg-type]
+        assert ros1.read_gate(cluster, RELEASE) is None  # type: ignore[arg-type]
         assert cluster.pods == []
 
 
@@ -293,7 +293,7 @@ def test_a_gate_that_cannot_be_asked_says_why(monkeypatch: pytest.MonkeyPatch) -
     with socketserver.TCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
         port = server.server_address[1]
     monkeypatch.setattr(ros1, "ASK", ros1.ASK.replace(str(pods.MASTER_PORT), str(port)))
-    found = read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
+    found = ros1.read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
     assert found is not None
     assert "Connection refused" in found.problem
 
@@ -301,6 +301,6 @@ def test_a_gate_that_cannot_be_asked_says_why(monkeypatch: pytest.MonkeyPatch) -
         raise Forbidden("no")
 
     monkeypatch.setattr(MasterCluster, "run", refuse)
-    found = read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
+    found = ros1.read_gate(MasterCluster("gate"), RELEASE)  # type: ignore[arg-type]
     assert found is not None
     assert "pods/exec" in found.problem

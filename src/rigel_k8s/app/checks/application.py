@@ -26,6 +26,7 @@ from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, names_of
+from rigel_k8s.app.generation import Generation, generation_of
 from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
 from rigel_k8s.app.networkpolicy import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
@@ -39,7 +40,6 @@ from rigel_k8s.app.updating import (
     share,
 )
 from rigel_k8s.distros import CURRENT
-from rigel_k8s.generation import Generation, find_end, generation_of, guess_distro
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
@@ -47,6 +47,7 @@ from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path, Problem, Severity
+from rigel_k8s.ros import find_end, guess_distro
 from rigel_rmw import libraries
 
 #: The volumes that rigel adds to pods.

@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import attrs
 
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of
 from rigel_k8s.app.programs import SHELLS, split
-from rigel_k8s.generation import Generation
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.substitution_args import (

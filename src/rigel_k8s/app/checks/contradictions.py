@@ -17,10 +17,10 @@ import attrs
 
 from rigel_k8s.app.application import APP_CONTAINER, application_options, has_application
 from rigel_k8s.app.environment import entries
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.programs import SHELLS, find_program, full_name
-from rigel_k8s.generation import Generation
+from rigel_k8s.app.programs import SHELLS, full_name
 from rigel_k8s.network.checks import LAST_DOMAIN
 from rigel_k8s.network.mode import Mode
 from rigel_k8s.network.modes import BEFORE_IRON, mode_of
@@ -193,7 +193,7 @@ def list_given(place: Place) -> Iterator[Given]:
 
 def list_assigned(place: Place) -> Iterator[Given]:
     """Yield the variables that a command line sets: of env, of a shell, of ROS 1's arguments."""
-    line = find_program(place.ros, place.node)
+    line = place.ros.find_program(place.node)
     path = (*place.path, line_key(place.node))
     if any(PurePosixPath(word).name in (*SHELLS, "env") for word in line[:2]):  # or an ENTRYPOINT's
         text = " ".join(line)
@@ -237,11 +237,8 @@ def explain_domain(place: Place, value: str | None) -> Verdict | None:
     where = f"is in domain {number}" if not unread else "has a domain of its own"
     instead = f"remove it, and set `network: {{mode: {mode.name}, domain_id: {number}}}`"
     ours = f"the release's domain, {known}" if chosen else "the release's own domain"
-    if mode.name in ("peers", "discovery-server"):
-        why = {
-            "peers": f"the Services of `peers` open only the ports of {ours}",
-            "discovery-server": f"the servers' other clients are in {ours}",
-        }[mode.name]
+    if mode.domain_bound:
+        why = f"{mode.domain_bound} {ours}"
         if unread and chosen:
             return None if value else Verdict(f"{why}, and no one knows this one", "warning")
         return Verdict(f"the node {where}, and {why}, so no node finds it: {instead}")
@@ -266,7 +263,7 @@ def explain_middleware(place: Place, value: str | None) -> Verdict | None:
         return None
     if expected is None:
         own_router = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"} & names_of(place.node)
-        if own_router or (mode.name == "none" and (release.network or release.pods < 2)):
+        if own_router or (not mode.connects and (release.network or release.pods < 2)):
             return None
         return Verdict("zenoh needs a router: remove it, and set `network: zenoh`, which has one")
     by = "middleware" if release.options.middleware else "network"
@@ -274,7 +271,7 @@ def explain_middleware(place: Place, value: str | None) -> Verdict | None:
     message = f"`{by}: {word}` configures {expected} only: remove it"
     if mode.middleware is None and given:
         message += f", or set `middleware: {given}` at the job"
-    return Verdict(message, "error" if mode.name != "none" else "warning")
+    return Verdict(message, "error" if mode.connects else "warning")
 
 
 def names_of(node: NodeOptions) -> set[str]:
@@ -305,7 +302,7 @@ def explain_range(place: Place, value: str | None) -> Verdict | None:
     if old or value in (None, "", "SUBNET") or has_template(value or ""):
         return None
     if value == "SYSTEM_DEFAULT":
-        if place.release.mode.name != "peers":
+        if not place.release.mode.lists_peers:
             return None
         message = "with SYSTEM_DEFAULT ROS may leave out the list of `peers`: remove it"
         return Verdict(message, "warning")
@@ -319,7 +316,7 @@ def explain_servers(place: Place, value: str | None) -> Verdict | None:
     release, mode = place.release, place.release.mode
     if value is None or has_template(value) or release.middleware not in (None, "fastdds"):
         return None
-    if mode.name == "discovery-server":
+    if mode.asks_servers:
         from rigel_k8s.network.modes.discovery_server import DISCOVERY_PORT
 
         name, network = str(release.options.deployment_name), release.network or Network()
@@ -337,7 +334,7 @@ def explain_servers(place: Place, value: str | None) -> Verdict | None:
 
 def explain_peers(place: Place, value: str | None) -> Verdict | None:
     """Judge a list of peers that replaces the release's."""
-    if place.release.mode.name != "peers" or place.release.distro.lower() in BEFORE_IRON:
+    if not place.release.mode.lists_peers or place.release.distro.lower() in BEFORE_IRON:
         return None
     message = "it replaces the list of the release's nodes: remove it, and set"
     return Verdict(f"{message} `network: {{mode: peers, peers: [...]}}`", "warning")
@@ -347,13 +344,12 @@ def explain_transports(place: Place, value: str | None) -> Verdict | None:
     """Judge transports by shared memory, which no other pod reads."""
     release, node = place.release, place.node
     shared = node.pod is not None or bool(release.network and release.network.shared_memory)
-    ours = release.mode.name in ("peers", "discovery-server", "host")
     if not value or shared or release.pods < 2 or release.middleware not in (None, "fastdds"):
         return None
     kind = value.partition("?")[0]
     if kind == "SHM":
         return Verdict("pods have no memory in common, so no node hears it: remove it")
-    if ours and kind in ("DEFAULT", "LARGE_DATA"):
+    if release.mode.sets_transports and kind in ("DEFAULT", "LARGE_DATA"):
         message = f"{kind} writes into a memory that no other pod reads: remove it, or let nodes"
         return Verdict(f"{message} share a `pod`", "warning")
     return None
@@ -362,7 +358,7 @@ def explain_transports(place: Place, value: str | None) -> Verdict | None:
 def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
     """Judge a configuration of zenoh that replaces the one with the release's router."""
     release = place.release
-    if release.mode.name != "zenoh":
+    if release.mode.middleware != "zenoh":
         return None
     name, network = str(release.options.deployment_name), release.network or Network()
     router = next(iter(release.mode.services(name, network, ())))
@@ -428,7 +424,7 @@ def explain_master(place: Place, value: str | None) -> Verdict | None:
     host, ours = find_host(value), find_host(release.master)
     if host == ours:
         return None
-    line = find_program(place.ros, place.node)
+    line = place.ros.find_program(place.node)
     starts = any(re.search(r"\b(roscore|roslaunch|rosmaster)\b", word) for word in line)
     if is_local(host) and not place.on_machine and not starts:
         message = f"there is no master in the node's pod: remove it, and it uses {release.master}"
@@ -494,7 +490,7 @@ def check_naming(place: Place) -> Iterator[Problem]:
     words, key = NAMING.get(place.ros.name, {}), line_key(place.node)
     if place.key is None or place.node.launch:
         return
-    line = find_program(place.ros, place.node)
+    line = place.ros.find_program(place.node)
     found = {words[rule]: value for rule, value in list_rules(place.ros, line) if rule in words}
     if not found or any(has_template(value) or FILLED_IN.search(value) for value in found.values()):
         return

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import NOTES_PATH
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.volumes import device_of, mount_of, mount_path
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import INTERFACE, Network

@@ -8,12 +8,11 @@ from collections.abc import Iterator, Mapping
 import attrs
 
 from rigel_k8s.app.application import application_options, has_application
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import SHM_PATH
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.programs import find_program
 from rigel_k8s.app.updating import has_variable, is_rolling
 from rigel_k8s.app.volumes import find_mounts
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.checks import check_options, pool_of
 from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import mode_of
@@ -100,7 +99,7 @@ def check_network(options: OrchestrationOptions, ros: Generation, distro: str) -
         return
     yield from check_options(network, ModeUse(ros, distro, middleware))
     yield from check_fleet(options, network, ros)
-    if network.mode == "discovery-server":
+    if mode_of(network).asks_servers:
         for key, node in options.nodes.items():
             if ros.of_node(node).rmw:
                 yield from check_super_client(str(key), node, ros)
@@ -135,7 +134,7 @@ def check_fleet(
     A job deploys to several robots if its namespace comes from a matrix.
     """
     mode = mode_of(network)
-    shared = ros.rmw and mode.name != "none" and not mode.own_domain
+    shared = ros.rmw and mode.connects and not mode.own_domain
     if shared and network.domain_id is None and has_template(str(options.namespace or "")):
         message = (
             f"with {mode.name} all robots of a fleet are in DDS domain 0, and robots on one wire"
@@ -147,7 +146,7 @@ def check_fleet(
 
 def check_super_client(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield a warning for a tool that a discovery server shows no topics."""
-    line = " ".join(find_program(ros, node))
+    line = " ".join(ros.find_program(node))
     found = TOOLS.search(line)
     if found is None or SUPER_CLIENT in line or has_variable(node, SUPER_CLIENT):
         return

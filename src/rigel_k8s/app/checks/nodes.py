@@ -15,14 +15,14 @@ from rigel_k8s.app.checks.commands import (
 from rigel_k8s.app.checks.kubernetes import check_kubernetes
 from rigel_k8s.app.checks.programs import check_program
 from rigel_k8s.app.components import check_components, check_key, check_names
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.programs import SHELLS, find_program, full_name
+from rigel_k8s.app.programs import SHELLS, full_name
 from rigel_k8s.app.testing import check_test
 from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, Volume
 from rigel_k8s.objects.raw import pod_of
@@ -117,7 +117,7 @@ def check_measured(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
         key = path[-1]
         if not ros.rmw:
             message = f"only nodes of ROS 2 have `{key}`: remove it"
-        elif why := explain_left_out(node, find_program(ros, node)):
+        elif why := explain_left_out(node, ros.find_program(node)):
             message = f"`{key}` needs the library in the node's processes, but {why}"
         else:
             continue
@@ -222,7 +222,7 @@ def check_anonymous(
         ros: the node's own.
         volumes: the release's persistent volumes, by name.
     """
-    line = find_program(ros, node) if ros.nodes else []
+    line = ros.find_program(node) if ros.nodes else []
     if node.anonymous:
         if not find_exclusive(node, volumes, network):
             yield from check_two_at_once(node, find_clash(node, volumes) or find_group(line))

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.app.environment import find_literal
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import SHM_PATH
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.volumes import find_mounts
-from rigel_k8s.generation import Generation
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.podoptions import PortOptions

@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.programs import SHELLS, find_program
-from rigel_k8s.generation import Generation
+from rigel_k8s.app.programs import SHELLS
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
@@ -41,7 +41,7 @@ SET_UP = re.compile(rf"\bsetup\.(ba|z)?sh\b|ros_entrypoint|{SCRIPTS_PATH}/exec\.
 def check_program(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what a program does differently in a pod."""
     yield from check_probe(node)
-    line = find_program(ros, node)
+    line = ros.find_program(node)
     path = ("command" if node.command is not None else "args",)
     if not line or node.launch or node.package or node.kind == "test":
         return

@@ -9,10 +9,10 @@ from pathlib import Path
 import yaml
 
 from rigel_k8s.app.deploying.beside import Use, collect, explain, read_each
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import Generation
 from rigel_k8s.problems import Path as OptionPath
 from rigel_k8s.problems import Problem, Severity
 from rigel_k8s.rigelfile.parse import find_excess

@@ -12,9 +12,9 @@ from rigel_k8s.app.deploying.images import write_pull_secret
 from rigel_k8s.app.deploying.prepare import Preparation
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.expectations import describe_all
+from rigel_k8s.app.generation import Generation, generation_of
 from rigel_k8s.app.options import RollbackOn
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
-from rigel_k8s.generation import Generation, generation_of
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.preflight.examine import inspect
 from rigel_k8s.objects.naming import ros_name

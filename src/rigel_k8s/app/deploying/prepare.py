@@ -25,11 +25,11 @@ from rigel_k8s.app.deploying.localfiles import read_files
 from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft
+from rigel_k8s.app.generation import Texts, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.parts import has_workloads
 from rigel_k8s.app.testing import choose_nodes
 from rigel_k8s.errors import UserError
-from rigel_k8s.generation import Texts, generation_of
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.observability.request import StackRequest, request_of

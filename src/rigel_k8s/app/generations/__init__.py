@@ -1,1 +1,1 @@
-"""ROS 1, ROS 2 and DDS without ROS: a module each with its value, listed in generation.py."""
+"""ROS 1, ROS 2 and DDS without ROS: a class each, listed in app/generation.py."""

@@ -5,23 +5,18 @@ What ROS 2 shares with it is here, too: there is no master, and the graph is rea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
 
+import attrs
+
+from rigel_k8s.app.command import Command
+from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import list_global_keys
-from rigel_k8s.app.programs import Command
-from rigel_k8s.app.updating import recreate
-from rigel_k8s.generation import Generation
-from rigel_k8s.network.modes import mode_of, ready_words
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.problems import Problem
-
-if TYPE_CHECKING:
-    from rigel_k8s.discovery.members import Member
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.rosgraph.pods import GraphPod
-    from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.ros import NO_ROS
 
 ZENOH = (
     "ros_metrics: without the library in its nodes the exporter supports DDS but not zenoh, so this"
@@ -47,45 +42,37 @@ def check_masterless(options: OrchestrationOptions, title: str) -> Iterator[Prob
         yield Problem((key,), message, "no-global-parameters", at_key=True)
 
 
-def explain_unseen(options: OrchestrationOptions) -> str | None:
+def explain_zenoh(options: OrchestrationOptions) -> str | None:
     """Return why an exporter would see nothing: the discovery of zenoh cannot be read."""
     middleware = options.middleware or mode_of(options.network).middleware
     return ZENOH if middleware == "zenoh" else None
 
 
-def read_graph(
-    cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
-) -> RosGraph:
-    """Return the graph of the domain."""
-    from rigel_k8s.rosgraph.dds import read
+@attrs.frozen(kw_only=True)
+class PlainDds(Generation):
+    """Programs that use DDS and no ROS: what the user wrote runs, unchanged."""
 
-    return read(cluster, pods, members)
+    def program(self, node: NodeOptions) -> list[str]:
+        """Return the program and its own arguments; empty for the image's CMD."""
+        return split_words(node.command if node.command is not None else node.args or [])
+
+    def command_of(self, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
+        """Return what a container runs: what the user wrote."""
+        if node.command is not None:
+            return Command(command=split_words(node.command))
+        return Command(args=split_words(node.args) if node.args is not None else None)
+
+    def refuse_hand_over(self, options: OrchestrationOptions, distro: str) -> str | None:
+        """Return why nothing of a job can be handed over."""
+        return "it has no ROS: use Recreate or Rolling"
+
+    def check(self, options: OrchestrationOptions) -> Iterator[Problem]:
+        """Yield options for a master, which it has not."""
+        return check_masterless(options, self.title)
+
+    def explain_unseen(self, options: OrchestrationOptions) -> str | None:
+        """Return why an exporter would see nothing of the graph."""
+        return explain_zenoh(options)
 
 
-def program(node: NodeOptions) -> list[str]:
-    """Return the program and its own arguments; empty for the image's CMD."""
-    return split_words(node.command if node.command is not None else node.args or [])
-
-
-def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
-    """Return what a container runs: what the user wrote."""
-    if node.command is not None:
-        return Command(command=split_words(node.command))
-    return Command(args=split_words(node.args) if node.args is not None else None)
-
-
-DDS = Generation(
-    name="none",
-    title="a plain DDS application",
-    nodes=False,
-    readiness="none",
-    program=program,
-    command_of=command_of,
-    probe=ready_words,
-    find_obstacle=lambda *_: None,
-    choose_way=recreate,
-    refuse_hand_over=lambda *_: "it has no ROS: use Recreate or Rolling",
-    check=lambda options: check_masterless(options, "a plain DDS application"),
-    explain_unseen=explain_unseen,
-    read_graph=read_graph,
-)
+DDS = PlainDds.of(NO_ROS)

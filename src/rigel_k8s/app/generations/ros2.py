@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
+import attrs
 import yaml
 
+from rigel_k8s.app.command import Command
 from rigel_k8s.app.components import dotted
-from rigel_k8s.app.generations import dds
-from rigel_k8s.app.generations.dds import check_masterless
+from rigel_k8s.app.generation import Generation, Loading
+from rigel_k8s.app.generations.dds import check_masterless, explain_zenoh
 from rigel_k8s.app.generations.ros2files import (
     ANY_NODE,
     PARAMETERS,
@@ -36,7 +38,6 @@ from rigel_k8s.app.parameters import (
 )
 from rigel_k8s.app.programs import (
     NO_ROS_ARGUMENTS,
-    Command,
     assignments,
     begin,
     explain_not_passed,
@@ -48,89 +49,23 @@ from rigel_k8s.app.programs import (
     write_values,
 )
 from rigel_k8s.app.updating import Way, find_obstacle
-from rigel_k8s.generation import Generation, Loading, Object
-from rigel_k8s.network.modes import ready_words
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
-from rigel_k8s.objects.pods import LOG_PATH, log_volume
+from rigel_k8s.objects.pods import LOG_PATH, Object
 from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
+from rigel_k8s.ros import ROS_2
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper
 from rigel_rmw import libraries
-
-if TYPE_CHECKING:
-    from rigel_k8s.discovery.members import Member
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.rosgraph.pods import GraphPod
-    from rigel_k8s.rosgraph.types import RosGraph
 
 FLAG, END = "--ros-args", "--"
 #: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
 #: The node's own `parameters`, as rcl reads them.
 OWN_FILE = "99-parameters.yaml"
-
-
-def takes_arguments(line: Sequence[str]) -> bool:
-    """Return whether --ros-args can be appended to a command line."""
-    if not line:
-        return False
-    name = PurePosixPath(line[0]).name
-    if name == "ros2":
-        return list(line[1:2]) == ["run"]
-    return name not in NO_ROS_ARGUMENTS
-
-
-def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
-    """Return what a node's container runs.
-
-    Args:
-        key: the node's key in `nodes`.
-        files: the texts of its parameter files, by the names in `parameter_files`.
-    """
-    mounted = render_files(node, files)
-    line = program(node)
-    line += ros_arguments(key, node, line, mounted)
-    if not line:
-        return Command()
-    start: tuple[str, ...] = ()
-    if needs_script(node):
-        steps = (*load_values(mounted, ANY_NODE), *list_run_steps(node))
-        start = (*begin("ros2", node, node.env), *steps)
-    if node.command is not None:
-        return Command(command=line, files=mounted, start=start)
-    return Command(args=line, files=mounted, start=start)
-
-
-def program(node: NodeOptions) -> list[str]:
-    """Return the program and its own arguments; empty for the image's CMD."""
-    own = split(node, node.args or [])
-    if node.launch:
-        package = [node.launch.package] if node.launch.package else []
-        return ["ros2", "launch", *package, node.launch.file, *assignments(node.launch.args)]
-    if node.package:
-        return ["ros2", "run", node.package, node.executable or "", *own]
-    line = split(node, node.command) if node.command is not None else own
-    return line or list(CONTAINER if node.components else ())
-
-
-def ros_arguments(
-    key: str, node: NodeOptions, line: Sequence[str], mounted: Mapping[str, str]
-) -> list[str]:
-    """Return what is appended to a line for ROS: names, remappings, parameter files."""
-    if node.launch or not takes_arguments(line):
-        return []
-    found = [word for rule in rules(key, node) for word in ("-r", rule)]
-    paths = [path for path, _ in list_paths(node)]
-    if OWN_FILE in mounted:
-        paths.append(f"{PARAMETERS_PATH}/{OWN_FILE}")
-    found += [word for path in paths for word in ("--params-file", path)]
-    if not found or reads_ros_arguments(line):
-        return found
-    return [FLAG, *found]
 
 
 def rules(key: str, node: NodeOptions) -> Iterator[str]:
@@ -191,102 +126,6 @@ def quote_texts(value: Any) -> Any:
     return [quote_texts(inner) for inner in value] if isinstance(value, list) else value
 
 
-def variables(release: ReleaseContext, namespace: str | None, address: str) -> dict[str, Object]:
-    """Return the variables of a container.
-
-    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start if it
-    cannot write a log directory, for example with another user or a read-only root.
-    """
-    return {
-        "PYTHONUNBUFFERED": {"value": "1"},
-        "RCUTILS_COLORIZED_OUTPUT": {"value": "0"},
-        "RCUTILS_LOGGING_USE_STDOUT": {"value": "1"},
-        "RCUTILS_LOGGING_BUFFERED_STREAM": {"value": "1"},
-        "ROS_LOG_DIR": {"value": LOG_PATH},
-    }
-
-
-def explain_unreadable(node: NodeOptions, key: str) -> str | None:
-    """Return why a node could not read the key's value, None if it can."""
-    if node.launch:
-        if key != "parameter_files":
-            where = "launch.args" if key == "parameters" else "the launch file"
-            return f"ros2 launch does not read {key} from its command line: write them in {where}"
-        if any(PARAMETERS_PATH in str(value) for value in node.launch.args.values()):
-            return None
-        path, _ = next(list_paths(node))
-        return f"ros2 launch does not read parameter files: pass them in launch.args, as {path}"
-    line = program(node)
-    return None if takes_arguments(line) else explain_not_passed(line, key)
-
-
-def check_parameters(options: ParameterOptions) -> Iterator[Problem]:
-    """Yield lists and namespaces of parameters that ROS 2 does not have."""
-    for key, name, value in flat_values(options.parameters):
-        if reason := explain_value(name.replace("/", "."), value):
-            yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
-    for index, entry in enumerate(map(file_of, options.parameter_files)):
-        if entry.namespace is not None:
-            path = ("parameter_files", index, "namespace")
-            message = "ROS 2 has no namespaces of parameters: write the names in full in the file"
-            yield Problem(path, message, "no-parameter-namespace", at_key=True)
-
-
-def check_parameter_file(text: str, key: str | None, node: ParameterOptions) -> Iterator[Fault]:
-    """Yield what is wrong with a parameter file of a node; a launch file may change it first."""
-    if key is None or not isinstance(node, NodeOptions) or node.launch:
-        return
-    name = None if node.anonymous else full_name(key, node)
-    parts = [one.full_name(part) for part, one in node.components.items()]
-    yield from check_file(text, name, parts)
-
-
-def find_own_obstacle(
-    node: NodeOptions,
-    volumes: Mapping[str, Volume],
-    network: Network | None,
-    middleware: str | None,
-) -> str | None:
-    """Return why a node cannot be handed over to another pod."""
-    try:
-        left_out = explain_left_out(node, program(node))
-    except ValueError:
-        return "its command line cannot be split into words"
-    if left_out:
-        return left_out
-    if node.replicas is not None and int(node.replicas) > 1:
-        return f"it has {node.replicas} pods"
-    if network is not None and network.ipam == "static":
-        return "with `ipam: static` two pods would have one address"
-    return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
-
-
-def choose_way(
-    release: ReleaseContext,
-    workload: str,
-    ros_name: str | None,
-    update: RollingUpdate,
-    obstacle: str | None,
-) -> Way:
-    """Return HandOver where the layer can do it; see docs/ros2-updates.md."""
-    if not release.layer:
-        return Way("Recreate", NOT_BUILT, update)
-    if obstacle:
-        return Way("Recreate", obstacle, update)
-    env = hand_over_variables(release, workload, ros_name, update)
-    return Way("HandOver", "", update, env, drain_seconds(update))
-
-
-def explain_unseen(options: OrchestrationOptions) -> str | None:
-    """Return why an exporter would see nothing; what processes note is read in every middleware."""
-    return None if libraries() and options.rmw_layer is not False else dds.explain_unseen(options)
-
-
-def refuse_hand_over(options: OrchestrationOptions, distro: str) -> str | None:
-    """Return why no node of a job can be handed over."""
-    return None if libraries() else NOT_BUILT
-
-
 def describe_component(key: str, component: Component) -> dict[str, Any]:
     """Return a composable node for components.py: dotted parameters, remapping rules."""
     return {
@@ -327,49 +166,26 @@ def explain_value(name: str, value: Any) -> str | None:
     return None
 
 
-def read_graph(
-    cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
-) -> RosGraph:
-    """Return the graph that the nodes themselves have noted."""
-    from rigel_k8s.rosgraph.ros2 import read
+@attrs.frozen(kw_only=True)
+class Ros2(Generation):
+    """Nodes of ROS 2."""
 
-    return read(cluster, pods, members, span)
-
-
-ROS2 = Generation(
-    name="2",
-    title="ROS 2",
-    names=NAMES_2,
-    rmw=True,
-    lifecycle=True,
-    clash="answer each other's services and parameters",
-    surge="during an update two nodes of one name run at once: each of their messages comes twice,"
-    " and either answers services and actions; leave `strategy` out, and a node hands over, or"
-    " stops for its update",
-    hands_over=True,
-    program=program,
-    takes_arguments=takes_arguments,
-    command_of=command_of,
-    variables=variables,
-    volumes=lambda: (log_volume(),),
-    probe=ready_words,
-    components=Loading(
+    names = NAMES_2
+    lifecycle = True
+    clash = "answer each other's services and parameters"
+    surge = (
+        "during an update two nodes of one name run at once: each of their messages comes twice,"
+        " and either answers services and actions; leave `strategy` out, and a node hands over, or"
+        " stops for its update"
+    )
+    components = Loading(
         script="components.py",
         describe=describe_component,
         check=check_component,
         are_nodes=True,
         twice="in a rolling update the containers of both pods would load them: use Recreate",
-    ),
-    find_obstacle=find_own_obstacle,
-    choose_way=choose_way,
-    refuse_hand_over=refuse_hand_over,
-    check=lambda options: check_masterless(options, "ROS 2"),
-    check_parameters=check_parameters,
-    check_parameter_file=check_parameter_file,
-    explain_unreadable=explain_unreadable,
-    explain_unseen=explain_unseen,
-    read_graph=read_graph,
-    starter={
+    )
+    starter: ClassVar[Mapping[str, str]] = {
         "status": "what runs where, who has discovered whom, and what is wrong",
         "distro": "lyrical",
         "workspace": "colcon",
@@ -387,5 +203,164 @@ ROS2 = Generation(
       # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
       network: peers
 """,
-    },
-)
+    }
+
+    def program(self, node: NodeOptions) -> list[str]:
+        """Return the program and its own arguments; empty for the image's CMD."""
+        own = split(node, node.args or [])
+        if node.launch:
+            package = [node.launch.package] if node.launch.package else []
+            return ["ros2", "launch", *package, node.launch.file, *assignments(node.launch.args)]
+        if node.package:
+            return ["ros2", "run", node.package, node.executable or "", *own]
+        line = split(node, node.command) if node.command is not None else own
+        return line or list(CONTAINER if node.components else ())
+
+    def takes_arguments(self, line: Sequence[str]) -> bool:
+        """Return whether --ros-args can be appended to a command line."""
+        if not line:
+            return False
+        name = PurePosixPath(line[0]).name
+        if name == "ros2":
+            return list(line[1:2]) == ["run"]
+        return name not in NO_ROS_ARGUMENTS
+
+    def command_of(self, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
+        """Return what a node's container runs.
+
+        Args:
+            key: the node's key in `nodes`.
+            files: the texts of its parameter files, by the names in `parameter_files`.
+        """
+        mounted = render_files(node, files)
+        line = self.program(node)
+        line += self.ros_arguments(key, node, line, mounted)
+        if not line:
+            return Command()
+        start: tuple[str, ...] = ()
+        if needs_script(node):
+            steps = (*load_values(mounted, ANY_NODE), *list_run_steps(node))
+            start = (*begin("ros2", node, node.env), *steps)
+        if node.command is not None:
+            return Command(command=line, files=mounted, start=start)
+        return Command(args=line, files=mounted, start=start)
+
+    def ros_arguments(
+        self, key: str, node: NodeOptions, line: Sequence[str], mounted: Mapping[str, str]
+    ) -> list[str]:
+        """Return what is appended to a line for ROS: names, remappings, parameter files."""
+        if node.launch or not self.takes_arguments(line):
+            return []
+        found = [word for rule in rules(key, node) for word in ("-r", rule)]
+        paths = [path for path, _ in list_paths(node)]
+        if OWN_FILE in mounted:
+            paths.append(f"{PARAMETERS_PATH}/{OWN_FILE}")
+        found += [word for path in paths for word in ("--params-file", path)]
+        if not found or reads_ros_arguments(line):
+            return found
+        return [FLAG, *found]
+
+    def variables(
+        self, release: ReleaseContext, namespace: str | None, address: str
+    ) -> dict[str, Object]:
+        """Return the variables of a container.
+
+        They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start if it
+        cannot write a log directory, for example with another user or a read-only root.
+        """
+        return {
+            "PYTHONUNBUFFERED": {"value": "1"},
+            "RCUTILS_COLORIZED_OUTPUT": {"value": "0"},
+            "RCUTILS_LOGGING_USE_STDOUT": {"value": "1"},
+            "RCUTILS_LOGGING_BUFFERED_STREAM": {"value": "1"},
+            "ROS_LOG_DIR": {"value": LOG_PATH},
+        }
+
+    def find_obstacle(
+        self,
+        node: NodeOptions,
+        volumes: Mapping[str, Volume],
+        network: Network | None,
+        middleware: str | None,
+    ) -> str | None:
+        """Return why a node cannot be handed over to another pod."""
+        try:
+            left_out = explain_left_out(node, self.program(node))
+        except ValueError:
+            return "its command line cannot be split into words"
+        if left_out:
+            return left_out
+        if node.replicas is not None and int(node.replicas) > 1:
+            return f"it has {node.replicas} pods"
+        if network is not None and network.ipam == "static":
+            return "with `ipam: static` two pods would have one address"
+        return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
+
+    def hand_over(
+        self,
+        release: ReleaseContext,
+        workload: str,
+        ros_name: str | None,
+        update: RollingUpdate,
+        obstacle: str | None,
+    ) -> Way:
+        """Return HandOver where the layer can do it; see docs/ros2-updates.md."""
+        if not release.layer:
+            return Way("Recreate", NOT_BUILT, update)
+        if obstacle:
+            return Way("Recreate", obstacle, update)
+        env = hand_over_variables(release, workload, ros_name, update)
+        return Way("HandOver", "", update, env, drain_seconds(update))
+
+    def refuse_hand_over(self, options: OrchestrationOptions, distro: str) -> str | None:
+        """Return why no node of a job can be handed over."""
+        return None if libraries() else NOT_BUILT
+
+    def check(self, options: OrchestrationOptions) -> Iterator[Problem]:
+        """Yield options for a master, which it has not."""
+        return check_masterless(options, self.title)
+
+    def check_parameters(self, options: ParameterOptions) -> Iterator[Problem]:
+        """Yield lists and namespaces of parameters that ROS 2 does not have."""
+        for key, name, value in flat_values(options.parameters):
+            if reason := explain_value(name.replace("/", "."), value):
+                yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
+        for index, entry in enumerate(map(file_of, options.parameter_files)):
+            if entry.namespace is not None:
+                path = ("parameter_files", index, "namespace")
+                message = (
+                    "ROS 2 has no namespaces of parameters: write the names in full in the file"
+                )
+                yield Problem(path, message, "no-parameter-namespace", at_key=True)
+
+    def check_parameter_file(
+        self, text: str, key: str | None, node: ParameterOptions
+    ) -> Iterator[Fault]:
+        """Yield what is wrong with a file of a node; a launch file may change it first."""
+        if key is None or not isinstance(node, NodeOptions) or node.launch:
+            return
+        name = None if node.anonymous else full_name(key, node)
+        parts = [one.full_name(part) for part, one in node.components.items()]
+        yield from check_file(text, name, parts)
+
+    def explain_unreadable(self, node: NodeOptions, key: str) -> str | None:
+        """Return why a node could not read the key's value, None if it can."""
+        if node.launch:
+            if key != "parameter_files":
+                where = "launch.args" if key == "parameters" else "the launch file"
+                return (
+                    f"ros2 launch does not read {key} from its command line: write them in {where}"
+                )
+            if any(PARAMETERS_PATH in str(value) for value in node.launch.args.values()):
+                return None
+            path, _ = next(list_paths(node))
+            return f"ros2 launch does not read parameter files: pass them in launch.args, as {path}"
+        line = self.program(node)
+        return None if self.takes_arguments(line) else explain_not_passed(line, key)
+
+    def explain_unseen(self, options: OrchestrationOptions) -> str | None:
+        """Return why an exporter would see nothing; notes are read in every middleware."""
+        return None if libraries() and options.rmw_layer is not False else explain_zenoh(options)
+
+
+ROS2 = Ros2.of(ROS_2)

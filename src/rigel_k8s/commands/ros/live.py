@@ -16,7 +16,7 @@ from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.rigelfile import name_nearest
 from rigel_k8s.rosgraph.pods import read_pods
-from rigel_k8s.rosgraph.reading import choose_generation, read_graph_of
+from rigel_k8s.rosgraph.reading import choose_ros, read_graph_of
 from rigel_k8s.rosgraph.tools import ROS1, ROS2, CannotRun, Tool
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
@@ -139,7 +139,7 @@ def open_live(found: Release) -> Live:
     """Return what runs of a connected release. Raises as read_graph."""
     items = list_pods(found.cluster, found.id)
     graph = read_graph_of(found.cluster, found.id, items, span=0.0)
-    ros = choose_generation(read_pods(items), members(items))
+    ros = choose_ros(read_pods(items), members(items))
     return Live(found, [pod_of(item) for item in split_all(items)], graph, ros.name)
 
 

@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 
 import attrs
 
+from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.testing import find_shared
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.testing.results import RUN, Result, State, remove_results, write_results
 from rigel_k8s.commands.testing.run import Trial, run_tests
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
-from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import JobReporter

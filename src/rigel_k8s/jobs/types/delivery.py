@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 import attrs
 
 from rigel_inpod import MOUNT_PATH
+from rigel_k8s.app.generation import generation_of
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster

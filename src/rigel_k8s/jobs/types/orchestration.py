@@ -14,8 +14,8 @@ import attrs
 
 from rigel_k8s.app.application import flat, is_partial
 from rigel_k8s.app.deploying.target import release_key, release_of
+from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.generation import generation_of
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.observability.request import request_of

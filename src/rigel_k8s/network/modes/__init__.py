@@ -7,7 +7,6 @@ imported on its first use.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from importlib import import_module
 
 import attrs
 
@@ -17,40 +16,25 @@ from rigel_k8s.network.options import INTERFACE, MIDDLEWARE, ZENOH_PORT, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Path
+from rigel_k8s.system.lazily import Lazily
 
 __all__ = ["MODES", "join", "mode_of", "network_objects", "ready_words", "wire_pod"]
 
-#: Each mode's module in this package and its name there, in the order of the documentation.
-HOMES = {
-    "macvlan": "attached:MACVLAN",
-    "attachment": "attached:ATTACHMENT",
-    "peers": "peers:PEERS",
-    "discovery-server": "discovery_server:DISCOVERY_SERVER",
-    "zenoh": "zenoh:ZENOH",
-    "host": "host:HOST",
-    "none": "none:NONE",
-}
-
-
-class Modes(Mapping[str, Mode]):
-    """All modes by name."""
-
-    def __getitem__(self, name: str) -> Mode:
-        """Import a mode."""
-        module, _, attribute = HOMES[name].partition(":")
-        mode: Mode = getattr(import_module(f"{__name__}.{module}"), attribute)
-        return mode
-
-    def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
-        return iter(HOMES)
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(HOMES)
-
-
-MODES = Modes()
+#: The modes by name, in the order of the documentation.
+MODES: Mapping[str, Mode] = Lazily(
+    {
+        name: f"{__name__}.{home}"
+        for name, home in {
+            "macvlan": "attached:MACVLAN",
+            "attachment": "attached:ATTACHMENT",
+            "peers": "peers:PEERS",
+            "discovery-server": "discovery_server:DISCOVERY_SERVER",
+            "zenoh": "zenoh:ZENOH",
+            "host": "host:HOST",
+            "none": "none:NONE",
+        }.items()
+    }
+)
 
 BEFORE_IRON = EARLY - {"iron"}
 #: Nodes discover others beyond their own machine, even if an image sets something else. LOCALHOST
@@ -67,6 +51,11 @@ NO_NETWORK = Network(mode="none")
 def mode_of(network: Network | None) -> Mode:
     """Return the mode of a network; mode none if there is no network."""
     return MODES[(network or NO_NETWORK).mode]
+
+
+def mode_named(name: str) -> Mode:
+    """Return the mode that a pod's annotation names; mode none for one of a later version."""
+    return MODES.get(name) or MODES["none"]
 
 
 def wire_pod(plan: NetworkPlan, pod: PodIdentity) -> Wiring:
@@ -87,7 +76,9 @@ def join(plan: NetworkPlan) -> Object:
 
 
 def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
-    """Return what the readiness probe checks (rigel_inpod/README.md): zenoh's router, or DDS."""
+    """Return what the readiness probe checks (rigel_inpod/README.md): a node, a router, or DDS."""
+    if not plan.ros.dds:
+        return ("node",)
     if plan.middleware == "zenoh":
         return ("zenoh", "--port", str(ZENOH_PORT))
     interface = ("--interface", INTERFACE) if mode_of(plan.options).attached else ()

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from ipaddress import IPv4Address, IPv4Network
-from typing import Any
+from typing import Any, ClassVar
 
 import attrs
 
@@ -45,13 +45,6 @@ def attachment_name(plan: NetworkPlan) -> tuple[str, str]:
         return plan.namespace, f"{plan.release}-{INTERFACE}"
     namespace, slash, name = given.rpartition("/")
     return (namespace if slash else plan.namespace), name
-
-
-def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
-    """Yield the attachment, unless it exists already, and the files that pods read."""
-    if network.mode != "attachment":
-        yield definition(plan, network)
-    yield files_config(plan, {SCRIPT: interface_script(), **pinned_files(plan, INTERFACE)})
 
 
 def definition(plan: NetworkPlan, network: Network) -> Object:
@@ -126,21 +119,6 @@ def host_local_ranges(network: Network) -> list[dict[str, Any]]:
     ]
 
 
-def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what a pod on the second network gets."""
-    namespace, name = attachment_name(plan)
-    missing = (
-        f"{INTERFACE} is missing: Multus did not attach {namespace}/{name} to this pod;"
-        " check that Multus runs on its machine, then delete the pod: a new one gets it"
-    )
-    made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=uses(plan, "fastdds"))
-    return attrs.evolve(
-        made,
-        env=variables(plan, pod),
-        annotations={NETWORKS_ANNOTATION: selection(plan, pod), **note(plan, pod, network)},
-    )
-
-
 def selection(plan: NetworkPlan, pod: PodIdentity) -> str:
     """Return Multus' annotation: the attachment, the interface and the address of a pod."""
     namespace, name = attachment_name(plan)
@@ -149,12 +127,14 @@ def selection(plan: NetworkPlan, pod: PodIdentity) -> str:
     return json.dumps([chosen | ({"ips": [address]} if address else {})])
 
 
-def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str]:
+def note(plan: NetworkPlan, pod: PodIdentity, network: Network, *, own: bool) -> dict[str, str]:
     """Return the annotation that describes how a pod is networked.
 
     A pod keeps the interface that it got, so another configuration must start another pod.
+
+    Args:
+        own: the attachment is made here, so its configuration is known.
     """
-    own = network.mode != "attachment"
     text = json.dumps(plugin("", network)) if own else ""
     mark = hashlib.sha256(text.encode()).hexdigest()[:8] if own else None
     address = plan.addresses.get(pod.name, "").partition("/")[0] or None
@@ -180,46 +160,98 @@ def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     return found
 
 
-def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield required keys that are missing, and an IPAM that the mode does not support."""
-    own = network.mode != "attachment"
-    ranged = own or network.ipam == "static"
-    needed = {
-        "interface": (own, "the machines' interface, such as eth0"),
-        "subnet": (ranged, "the addresses to give out"),
-        "attachment": (not own, "NAME or NAMESPACE/NAME of an existing one"),
-    }
-    for key, (is_needed, what) in needed.items():
-        if is_needed and getattr(network, key) is None:
-            message = f"{network.mode} needs `{key}`: {what}"
-            yield Problem(("network",), message, "incomplete", at_key=True)
-    if network.attachment is not None and not REFERENCE.fullmatch(network.attachment):
-        message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
-        yield Problem(("network", "attachment"), message, "bad-name")
-    if not own and network.ipam not in (None, "static"):
-        message = "the existing attachment decides who gives out addresses: leave it out"
-        yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
-    if not use.ros.dds and network.ipam != "static":
-        message = (
-            f"a {use.ros.title} node sends its address to the others, so it must be known before"
-            " the node starts: set `ipam: static` and `subnet`"
-        )
-        path = ("network", "ipam") if network.ipam else mode_path(network)
-        yield Problem(path, message, "ros1")
-
-
 RANGES = frozenset({"subnet", "ipam", "range_start", "range_end", "exclude", "install"})
 
-MACVLAN = Mode(
-    name="macvlan",
-    wire=wire,
-    objects=objects,
-    check=check,
-    join=lambda plan, network: {"interface": INTERFACE},
-    interface=lambda network: INTERFACE,
-    keys=RANGES | {"interface", "gateway", "routes", "mtu"},
-    with_master=True,
-    attached=True,
-    on_machines=True,
-)
-ATTACHMENT = attrs.evolve(MACVLAN, name="attachment", keys=RANGES | {"attachment"})
+
+class Macvlan(Mode):
+    """A second interface that is made here.
+
+    Attributes:
+        makes_attachment: the NetworkAttachmentDefinition is not one that exists.
+    """
+
+    name = "macvlan"
+    keys = RANGES | {"interface", "gateway", "routes", "mtu"}
+    with_master = True
+    attached = True
+    on_machines = True
+    makes_attachment: ClassVar[bool] = True
+
+    def objects(self, plan: NetworkPlan, network: Network) -> Iterator[Object]:
+        """Yield the attachment, unless it exists already, and the files that pods read."""
+        if self.makes_attachment:
+            yield definition(plan, network)
+        yield files_config(plan, {SCRIPT: interface_script(), **pinned_files(plan, INTERFACE)})
+
+    def wire(self, plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+        """Return what a pod on the second network gets."""
+        namespace, name = attachment_name(plan)
+        missing = (
+            f"{INTERFACE} is missing: Multus did not attach {namespace}/{name} to this pod;"
+            " check that Multus runs on its machine, then delete the pod: a new one gets it"
+        )
+        made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=uses(plan, "fastdds"))
+        return attrs.evolve(
+            made,
+            env=variables(plan, pod),
+            annotations={
+                NETWORKS_ANNOTATION: selection(plan, pod),
+                **note(plan, pod, network, own=self.makes_attachment),
+            },
+        )
+
+    def check(self, network: Network, use: ModeUse) -> Iterator[Problem]:
+        """Yield required keys that are missing, and an IPAM that the mode does not support."""
+        own = self.makes_attachment
+        ranged = own or network.ipam == "static"
+        needed = {
+            "interface": (own, "the machines' interface, such as eth0"),
+            "subnet": (ranged, "the addresses to give out"),
+            "attachment": (not own, "NAME or NAMESPACE/NAME of an existing one"),
+        }
+        for key, (is_needed, what) in needed.items():
+            if is_needed and getattr(network, key) is None:
+                message = f"{network.mode} needs `{key}`: {what}"
+                yield Problem(("network",), message, "incomplete", at_key=True)
+        if network.attachment is not None and not REFERENCE.fullmatch(network.attachment):
+            message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
+            yield Problem(("network", "attachment"), message, "bad-name")
+        if not own and network.ipam not in (None, "static"):
+            message = "the existing attachment decides who gives out addresses: leave it out"
+            yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
+        if not use.ros.dds and network.ipam != "static":
+            message = (
+                f"a {use.ros.title} node sends its address to the others, so it must be known"
+                " before the node starts: set `ipam: static` and `subnet`"
+            )
+            path = ("network", "ipam") if network.ipam else mode_path(network)
+            yield Problem(path, message, "ros1")
+
+    def join(self, plan: NetworkPlan, network: Network) -> dict[str, Any]:
+        """Return the second interface."""
+        return {"interface": INTERFACE}
+
+    def interface(self, network: Network) -> str | None:
+        """Return the second interface."""
+        return INTERFACE
+
+
+class Attachment(Macvlan):
+    """A second interface by an attachment that exists."""
+
+    name = "attachment"
+    keys = RANGES | {"attachment"}
+    makes_attachment = False
+
+    def explain_unused(self, network: Network) -> str | None:
+        """Return why the options about addresses have no effect."""
+        if network.ipam == "static":
+            return None
+        return (
+            "the existing attachment decides about addresses; this has an effect only with"
+            " `ipam: static`"
+        )
+
+
+MACVLAN = Macvlan()
+ATTACHMENT = Attachment()

@@ -5,7 +5,7 @@ Clients have a list of servers; a server's place in the list is its id.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from rigel_k8s.network.dds import shares_memory, transports
@@ -47,61 +47,63 @@ def server_names(release: str, network: Network) -> list[str]:
     ]
 
 
-def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
-    """Yield the servers and their Services."""
-    names = server_names(plan.release, network)
-    for index, name in enumerate(names):
-        identity = {SERVER_ID: {"value": str(index)}, SERVER_NAME: {"value": name}}
-        container = {
-            "name": "discovery-server",
-            "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
-            "env": environment({**transports(plan), **identity}),
-            "ports": [container_port("discovery", DISCOVERY_PORT, "UDP")],
-            **server_probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
-        }
-        yield server_service(plan, name, DISCOVERY_PORT, "UDP")
-        yield server_deployment(plan, network, name, container, earlier=names[:index])
-
-
 def addresses(plan: NetworkPlan, network: Network) -> list[str]:
     """Return the servers' addresses for clients, HOST:PORT."""
     return [f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network)]
 
 
-def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return the wiring that makes a pod a client of the servers."""
-    servers = ";".join(addresses(plan, network))
-    return Wiring(
-        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **transports(plan, pod)},
-        annotations=network_note(plan, shared_memory=shares_memory(plan, pod)),
-    )
+class DiscoveryServer(Mode):
+    """Servers in the middle, from which clients learn of each other."""
+
+    name = "discovery-server"
+    keys = SERVER_KEYS | {"servers"}
+    middleware = "fastdds"
+    own_domain = True
+    asks_servers = True
+    sets_transports = True
+    domain_bound = "the servers' other clients are in"
+    remedy = "check that the server's pod runs, its Service exists, and UDP passes both ways"
+
+    def objects(self, plan: NetworkPlan, network: Network) -> Iterator[Object]:
+        """Yield the servers and their Services."""
+        names = server_names(plan.release, network)
+        for index, name in enumerate(names):
+            identity = {SERVER_ID: {"value": str(index)}, SERVER_NAME: {"value": name}}
+            container = {
+                "name": "discovery-server",
+                "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
+                "env": environment({**transports(plan), **identity}),
+                "ports": [container_port("discovery", DISCOVERY_PORT, "UDP")],
+                **server_probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
+            }
+            yield server_service(plan, name, DISCOVERY_PORT, "UDP")
+            yield server_deployment(plan, network, name, container, earlier=names[:index])
+
+    def wire(self, plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+        """Return the wiring that makes a pod a client of the servers."""
+        servers = ";".join(addresses(plan, network))
+        return Wiring(
+            env={"ROS_DISCOVERY_SERVER": {"value": servers}, **transports(plan, pod)},
+            annotations=network_note(plan, shared_memory=shares_memory(plan, pod)),
+        )
+
+    def check(self, network: Network, use: ModeUse) -> Iterator[Problem]:
+        """Yield a middleware that has no discovery servers."""
+        if use.middleware not in (None, "fastdds"):
+            message = "only Fast DDS has discovery servers: use peers, or middleware: fastdds"
+            yield Problem(("middleware",), message, "wrong-mode")
+
+    def services(self, release: str, network: Network, workloads: Sequence[str]) -> list[str]:
+        """Return the names of the servers' Services."""
+        return server_names(release, network)
+
+    def join(self, plan: NetworkPlan, network: Network) -> dict[str, Any]:
+        """Return the servers to ask."""
+        return {"mode": "discovery-server", "servers": addresses(plan, network)}
+
+    def join_seen(self, workloads: Iterable[str], servers: Sequence[str]) -> dict[str, Any]:
+        """Return the servers that a pod asks."""
+        return {"mode": "discovery-server", "servers": [*servers]}
 
 
-def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield a middleware that has no discovery servers."""
-    if use.middleware not in (None, "fastdds"):
-        message = "only Fast DDS has discovery servers: use peers, or middleware: fastdds"
-        yield Problem(("middleware",), message, "wrong-mode")
-
-
-def services(release: str, network: Network, workloads: Sequence[str]) -> list[str]:
-    """Return the names of the servers' Services."""
-    return server_names(release, network)
-
-
-def join(plan: NetworkPlan, network: Network) -> dict[str, Any]:
-    """Return the servers to ask."""
-    return {"mode": "discovery-server", "servers": addresses(plan, network)}
-
-
-DISCOVERY_SERVER = Mode(
-    name="discovery-server",
-    wire=wire,
-    objects=objects,
-    check=check,
-    services=services,
-    join=join,
-    keys=SERVER_KEYS | {"servers"},
-    middleware="fastdds",
-    own_domain=True,
-)
+DISCOVERY_SERVER = DiscoveryServer()

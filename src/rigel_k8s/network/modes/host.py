@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import attrs
 
@@ -28,58 +29,69 @@ ON_HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
 HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.hostIP"}}}
 
 
-def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
-    """Yield the files that pods read, if they need any."""
-    if network.interface and plan.ros.dds:
-        pinned = pinned_files(plan, network.interface)
-        yield files_config(plan, {SCRIPT: interface_script(), **pinned})
-    else:
-        yield from neighbor_files(plan)
+class Host(Mode):
+    """The machine's own network."""
 
+    name = "host"
+    keys = frozenset({"interface", "shared_memory"})
+    with_master = True
+    on_machines = True
+    sets_transports = True
 
-def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what a pod on the machine's network gets."""
-    interface = network.interface if plan.ros.dds else None
-    if interface:
-        missing = f"{interface} is missing: this machine has no such interface (network.interface)"
-        base = render_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
-        base = attrs.evolve(base, env=pinned_variables(plan, pod))
-    elif not plan.ros.dds:
-        base = Wiring(env={"ROS_IP": HOST_IP})
-    else:
-        base = wire_neighbor(plan, pod)
-    shared = shares_memory(plan, pod, pinned=interface is not None)
-    note = network_note(plan, interface=interface, shared_memory=shared)
-    return attrs.evolve(
-        base, annotations=note, pod=ON_HOST | (SHARED if network.shared_memory else {})
-    )
+    def objects(self, plan: NetworkPlan, network: Network) -> Iterator[Object]:
+        """Yield the files that pods read, if they need any."""
+        if network.interface and plan.ros.dds:
+            pinned = pinned_files(plan, network.interface)
+            yield files_config(plan, {SCRIPT: interface_script(), **pinned})
+        else:
+            yield from neighbor_files(plan)
 
-
-def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield shared memory for programs that would not use it."""
-    path = ("network", "shared_memory")
-    if network.shared_memory and not use.ros.dds:
-        message = f"shared memory is for Fast DDS, and {use.ros.title} has no DDS: leave it out"
-        yield Problem(path, message, "ros1", at_key=True)
-    elif network.shared_memory and use.middleware not in (None, "fastdds"):
-        message = f"shared memory is for Fast DDS; {use.middleware} does not use it: leave it out"
-        yield Problem(path, message, "wrong-mode", at_key=True)
-    elif network.shared_memory and network.interface and not is_fastdds_2(use.distro):
-        message = (
-            "from kilted on, Fast DDS does not share memory if it is pinned to an interface: leave"
-            " out `interface`, or `shared_memory`"
+    def wire(self, plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+        """Return what a pod on the machine's network gets."""
+        interface = network.interface if plan.ros.dds else None
+        if interface:
+            missing = (
+                f"{interface} is missing: this machine has no such interface (network.interface)"
+            )
+            base = render_at_start(
+                plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds")
+            )
+            base = attrs.evolve(base, env=pinned_variables(plan, pod))
+        elif not plan.ros.dds:
+            base = Wiring(env={"ROS_IP": HOST_IP})
+        else:
+            base = wire_neighbor(plan, pod)
+        shared = shares_memory(plan, pod, pinned=interface is not None)
+        note = network_note(plan, interface=interface, shared_memory=shared)
+        return attrs.evolve(
+            base, annotations=note, pod=ON_HOST | (SHARED if network.shared_memory else {})
         )
-        yield Problem(path, message, "conflict", at_key=True)
+
+    def check(self, network: Network, use: ModeUse) -> Iterator[Problem]:
+        """Yield shared memory for programs that would not use it."""
+        path = ("network", "shared_memory")
+        if network.shared_memory and not use.ros.dds:
+            message = f"shared memory is for Fast DDS, and {use.ros.title} has no DDS: leave it out"
+            yield Problem(path, message, "ros1", at_key=True)
+        elif network.shared_memory and use.middleware not in (None, "fastdds"):
+            message = (
+                f"shared memory is for Fast DDS; {use.middleware} does not use it: leave it out"
+            )
+            yield Problem(path, message, "wrong-mode", at_key=True)
+        elif network.shared_memory and network.interface and not is_fastdds_2(use.distro):
+            message = (
+                "from kilted on, Fast DDS does not share memory if it is pinned to an interface:"
+                " leave out `interface`, or `shared_memory`"
+            )
+            yield Problem(path, message, "conflict", at_key=True)
+
+    def join(self, plan: NetworkPlan, network: Network) -> dict[str, Any]:
+        """Return the interface of the machine."""
+        return {"interface": network.interface}
+
+    def interface(self, network: Network) -> str | None:
+        """Return the interface that the options name."""
+        return network.interface
 
 
-HOST = Mode(
-    name="host",
-    wire=wire,
-    objects=objects,
-    check=check,
-    join=lambda plan, network: {"interface": network.interface},
-    interface=lambda network: network.interface,
-    keys=frozenset({"interface", "shared_memory"}),
-    with_master=True,
-    on_machines=True,
-)
+HOST = Host()

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import attrs
@@ -57,13 +57,6 @@ def discovery_port(domain: int, participant: int) -> int:
     return 7400 + 250 * domain + 10 + 2 * participant
 
 
-def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
-    """Yield the Services, and the list of all of them."""
-    for pod in plan.pods:
-        yield peer_service(plan, pod)
-    yield files_config(plan, peer_files(plan, network))
-
-
 def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
     """Return a workload's Service.
 
@@ -104,17 +97,6 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
     return found
 
 
-def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return the wiring that lets a pod look for the others."""
-    reads_files = uses(plan, "cyclonedds") or not reads_transports(plan)
-    base = mount_files(plan) if reads_files else Wiring()
-    # A pod reads the list of peers when it starts, so it must start again when `peers` changes.
-    text = json.dumps(sorted(network.peers))
-    mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None
-    note = network_note(plan, config=mark, shared_memory=shares_memory(plan, pod))
-    return attrs.evolve(base, env=variables(plan, pod), annotations=note)
-
-
 def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     """Return the variables by which each middleware finds the list."""
     found: dict[str, Object] = {}
@@ -135,34 +117,56 @@ def peers_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     }
 
 
-def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield peers that are neither a name nor an IPv4 address."""
-    for index, peer in enumerate(network.peers):
-        if not HOSTNAME.fullmatch(peer):
-            message = f'"{peer}" is neither a name nor an IPv4 address (without a port)'
-            yield Problem(("network", "peers", index), message, "bad-peer")
+class Peers(Mode):
+    """A list of all pods in each pod."""
+
+    name = "peers"
+    keys = frozenset({"peers"})
+    own_domain = True
+    lists_peers = True
+    sets_transports = True
+    domain_bound = "the Services of `peers` open only the ports of"
+    one_pod = ONE_SERVICE
+    participants = PARTICIPANTS
+    remedy = (
+        "check that each workload's Service exists, and no NetworkPolicy or firewall blocks UDP"
+    )
+
+    def objects(self, plan: NetworkPlan, network: Network) -> Iterator[Object]:
+        """Yield the Services, and the list of all of them."""
+        for pod in plan.pods:
+            yield peer_service(plan, pod)
+        yield files_config(plan, peer_files(plan, network))
+
+    def wire(self, plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+        """Return the wiring that lets a pod look for the others."""
+        reads_files = uses(plan, "cyclonedds") or not reads_transports(plan)
+        base = mount_files(plan) if reads_files else Wiring()
+        # A pod reads the list of peers when it starts, so it must start again when `peers` changes.
+        text = json.dumps(sorted(network.peers))
+        mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None
+        note = network_note(plan, config=mark, shared_memory=shares_memory(plan, pod))
+        return attrs.evolve(base, env=variables(plan, pod), annotations=note)
+
+    def check(self, network: Network, use: ModeUse) -> Iterator[Problem]:
+        """Yield peers that are neither a name nor an IPv4 address."""
+        for index, peer in enumerate(network.peers):
+            if not HOSTNAME.fullmatch(peer):
+                message = f'"{peer}" is neither a name nor an IPv4 address (without a port)'
+                yield Problem(("network", "peers", index), message, "bad-peer")
+
+    def services(self, release: str, network: Network, workloads: Sequence[str]) -> list[str]:
+        """Return the names of the workloads' Services."""
+        return [peer_name(workload) for workload in workloads]
+
+    def join(self, plan: NetworkPlan, network: Network) -> dict[str, Any]:
+        """Return the names of all participants to look for."""
+        names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
+        return {"mode": "peers", "peers": names}
+
+    def join_seen(self, workloads: Iterable[str], servers: Sequence[str]) -> dict[str, Any]:
+        """Return the names of the Services."""
+        return {"mode": "peers", "peers": sorted(set(map(peer_name, workloads)))}
 
 
-def services(release: str, network: Network, workloads: Sequence[str]) -> list[str]:
-    """Return the names of the workloads' Services."""
-    return [peer_name(workload) for workload in workloads]
-
-
-def join(plan: NetworkPlan, network: Network) -> dict[str, Any]:
-    """Return the names of all participants to look for."""
-    names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
-    return {"mode": "peers", "peers": names}
-
-
-PEERS = Mode(
-    name="peers",
-    wire=wire,
-    objects=objects,
-    check=check,
-    services=services,
-    join=join,
-    keys=frozenset({"peers"}),
-    own_domain=True,
-    one_pod=ONE_SERVICE,
-    participants=PARTICIPANTS,
-)
+PEERS = Peers()

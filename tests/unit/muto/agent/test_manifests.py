@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
+from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.commands.rigelfiles import check
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.rigelfile import load, realise

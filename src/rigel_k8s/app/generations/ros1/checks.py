@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameters, check_substitution
 from rigel_k8s.app.generations.ros1.commands import check_values, program, takes_arguments
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, flat_values, list_global_keys
 from rigel_k8s.app.programs import explain_not_passed
-from rigel_k8s.generation import GENERATIONS
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
@@ -43,8 +41,6 @@ def check(options: OrchestrationOptions) -> Iterator[Problem]:
         )
         path = ("substitution_args",)
         yield Problem(path, message, "incomplete", severity="warning", at_key=True)
-    yield from check_parameters(options, GENERATIONS["1"])
-    yield from check_substitution(options, IN_PARAMETERS)
 
 
 def explain_unseen(options: OrchestrationOptions) -> str | None:

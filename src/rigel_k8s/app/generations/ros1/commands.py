@@ -13,6 +13,8 @@ from typing import Any
 
 import yaml
 
+from rigel_k8s.app.command import Command
+from rigel_k8s.app.generation import Loading
 from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
@@ -25,7 +27,6 @@ from rigel_k8s.app.parameters import (
 )
 from rigel_k8s.app.programs import (
     NO_ROS_ARGUMENTS,
-    Command,
     assignments,
     begin,
     full_name,
@@ -34,7 +35,6 @@ from rigel_k8s.app.programs import (
     split,
     write_values,
 )
-from rigel_k8s.generation import Loading
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of

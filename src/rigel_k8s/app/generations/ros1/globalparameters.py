@@ -13,10 +13,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.app.generation import Companion, Texts
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, list_global_keys, list_local, tree
 from rigel_k8s.app.programs import begin, list_steps, write_values
-from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.naming import ROS_ANNOTATION, object_name

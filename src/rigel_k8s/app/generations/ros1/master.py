@@ -15,9 +15,9 @@ import attrs
 
 from rigel_k8s.app.application import has_application
 from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.app.generation import Companion, Texts
 from rigel_k8s.app.generations.ros1.gate import behind_gate, gate_objects
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.generation import Companion, Texts
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, IMAGE_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge

@@ -6,7 +6,7 @@ It is an ordinary node. Its package and its parameters are those of foxglove_bri
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import attrs
 
@@ -16,9 +16,6 @@ from rigel_k8s.objects.marks import IMAGE_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, Port, PortName
 from rigel_k8s.rigelfile.expansion import Expanded, Extension, Surroundings
 from rigel_k8s.rigelfile.source import YamlNode
-
-if TYPE_CHECKING:
-    from rigel_k8s.app.options import NodeOptions
 
 #: The option, the node that it stands for, and the name of its port, by which it is recognized.
 KEY = "foxglove"
@@ -63,9 +60,9 @@ def describe(chosen: Foxglove) -> dict[str, Any]:
     }
 
 
-def note_image(node: NodeOptions, distro: str) -> dict[str, str]:
+def note_image(package: str | None, distro: str) -> dict[str, str]:
     """Return the annotation about what the image of a node needs that runs the bridge."""
-    if node.package != PACKAGE:
+    if package != PACKAGE:
         return {}
     return {IMAGE_ANNOTATION: f"its image needs the Debian package ros-{distro}-foxglove-bridge"}
 

@@ -268,7 +268,7 @@ def node_deployment(parts: Sequence[NodePart]) -> Object:
         annotations=notes
         | ({TEST_ANNOTATION: "true"} if options.kind == "test" else {})
         | ({SINGLETON_ANNOTATION: " ".join(names)} if names else {})
-        | foxglove.note_image(options, first.release.distro)
+        | foxglove.note_image(options.package, first.release.distro)
         | first.way.annotations(first.release),
         pod_annotations={
             **notes,
@@ -372,7 +372,7 @@ def list_volumes(part: NodePart) -> tuple[list[Object], list[Object]]:
         volume = {"name": name, "configMap": {"name": parameters_config(node)}}
         pairs.append((volume, {"name": name, "mountPath": PARAMETERS_PATH, "readOnly": True}))
     pairs += mount_files(node.mounted, files_config(node), prefix)
-    volumes, seen = mounts(node.options, node.volumes, prefix)
+    volumes, seen = mounts(node.options.volumes, node.options.devices, node.volumes, prefix)
     return (
         [*(volume for volume, _ in pairs), *volumes, *part.wired.volumes],
         [*(mount for _, mount in pairs), *seen, *part.wired.mounts],

@@ -1,33 +1,25 @@
 """`security: restricted`: the user of pods, their privileges, their writable directories.
 
-It fills in what is missing, so what a Rigelfile sets itself stays; the checks refuse what the level
-does not allow. Images that run as root work too, because what ROS writes goes to volumes: HOME with
-its logs, and /tmp.
+It fills in what is missing, so what a Rigelfile sets itself stays; app/checks/security.py refuses
+what the level does not allow. Images that run as root work too, because what ROS writes goes to
+volumes: HOME with its logs, and /tmp.
 """
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.app.volumes import device_of, mount_of
-from rigel_k8s.network.mode import mode_path
-from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.naming import ROS_ANNOTATION
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.pods import DEFAULT_CONTAINER, Object
-from rigel_k8s.objects.podsecurity import find_in_context, find_violations, pod_context
-from rigel_k8s.objects.raw import pod_of
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.scalars import Number
-from rigel_k8s.problems import Path, Problem
 from rigel_k8s.ros import BY_NAME, Ros
-
-if TYPE_CHECKING:
-    from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 
 #: HOME of all containers: the image's own may belong to root.
 HOME_PATH = "/rigel-k8s-home"
@@ -47,13 +39,6 @@ INIT_NAME = "rigel-home"
 #: What that container copies from the one that it prepares HOME for.
 SHARED = ("image", "imagePullPolicy", "resources")
 IDENTITY = ("runAsUser", "runAsGroup", "seLinuxOptions")
-
-POD = ("spec", "template", "spec")
-OWN_NETWORK = "the machine's own network"
-OWNER = (
-    "Kubernetes does not change the owner of a machine's directory: user {user} must be able to"
-    " write to {path} there (`chown {user} {path}` on the machine)"
-)
 
 #: The level's name in a Rigelfile, as in Kubernetes.
 Level = Literal["restricted"]
@@ -162,51 +147,3 @@ def variables(ros: Ros) -> dict[str, str]:
         return home
     # An image may set these to directories of root.
     return home | {"ROS_HOME": ROS_HOME, "ROS_LOG_DIR": LOG_PATH}
-
-
-def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield what the level "restricted" does not allow, with the option that requests it."""
-    if options.security is None:
-        return
-    if options.network is not None and mode_of(options.network).in_machine_network:
-        path = mode_path(options.network)
-        yield refuse(path, OWN_NETWORK, "choose another mode, or remove `security`")
-    for key, node in options.nodes.items():
-        yield from (problem.under(("nodes", str(key))) for problem in check_node(node))
-    params = options.additional_k8s_params
-    for name, tree in (("ros_master", params.ros_master), ("application", params.application)):
-        yield from find_in_patch(("additional_k8s_params", name), tree)
-    for index, volume in enumerate(options.persistent_storage.volumes):
-        if volume.host_path:
-            message = OWNER.format(user=int(options.security.user), path=volume.host_path)
-            place = ("persistent_storage", "volumes", index, "host_path")
-            yield Problem(place, message, "volume-owner", severity="warning", at_key=True)
-
-
-def check_node(node: NodeOptions) -> Iterator[Problem]:
-    """Yield what a node requests that is not allowed; paths are the node's own."""
-    if node.host_network:
-        yield refuse(("host_network",), OWN_NETWORK, "remove `host_network`, or remove `security`")
-    for path, what in find_in_context(node.security_context):
-        yield refuse(("security_context", *path), what)
-    for index, mount in enumerate(map(mount_of, node.volumes)):
-        if mount.host_path:
-            instead = "use one of persistent_storage.volumes, or remove `security`"
-            yield refuse(("volumes", index), "directories and files of the machine", instead)
-    for index, device in enumerate(map(device_of, node.devices)):
-        if device.path:
-            instead = "use a device plugin and `resource: squat.ai/NAME`, or remove `security`"
-            yield refuse(("devices", index), "device files", instead)
-    yield from find_in_patch(("patch",), node.patch)
-
-
-def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what a patch of a Deployment requests that is not allowed."""
-    for below, what in find_violations(pod_of(tree)):
-        yield refuse((*path, *POD, *below), what)
-
-
-def refuse(path: Path, what: str, instead: str = "remove one of the two") -> Problem:
-    """Return the problem of a value that the level does not allow."""
-    message = f"security: restricted does not allow {what}: {instead}"
-    return Problem(path, message, "restricted", at_key=True)

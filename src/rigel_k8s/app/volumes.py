@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
 from rigel_k8s.objects.pods import Object, drop_empty
 from rigel_k8s.objects.scalars import DevicePath, ObjectName
-
-if TYPE_CHECKING:
-    from rigel_k8s.app.options import NodeOptions
 
 #: Folders that a device may be, so that the container sees all that they contain.
 FOLDERS = re.compile(
@@ -32,9 +29,9 @@ def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:
     return item if isinstance(item, VolumeMount) else VolumeMount(name=item)
 
 
-def find_mounts(options: NodeOptions, path: str) -> Iterator[int]:
+def find_mounts(wanted: Sequence[ObjectName | VolumeMount], path: str) -> Iterator[int]:
     """Yield which of a node's `volumes` are mounted at a path."""
-    for index, mount in enumerate(map(mount_of, options.volumes)):
+    for index, mount in enumerate(map(mount_of, wanted)):
         if str(mount.mount_path).rstrip("/") == path:
             yield index
 
@@ -58,7 +55,10 @@ def source_count(mount: VolumeMount) -> int:
 
 
 def mounts(
-    options: NodeOptions, known: Mapping[str, Volume], prefix: str = ""
+    wanted: Sequence[ObjectName | VolumeMount],
+    devices: Sequence[DevicePath | Device],
+    known: Mapping[str, Volume],
+    prefix: str = "",
 ) -> tuple[list[Object], list[Object]]:
     """Return (the pod's volumes, the container's mounts); a claim gives one volume.
 
@@ -67,12 +67,12 @@ def mounts(
     """
     volumes: dict[str, Object] = {}
     seen = []
-    for index, item in enumerate(options.volumes):
+    for index, item in enumerate(wanted):
         mount = mount_of(item)
         source = volume_of(mount, f"{prefix}volume-{index}")
         volumes[source["name"]] = source
         seen.append(mount_entry(mount, source["name"], known))
-    for index, device in enumerate(map(device_of, options.devices)):
+    for index, device in enumerate(map(device_of, devices)):
         if device.path:
             name = f"{prefix}device-{index}"
             path = str(device.path)

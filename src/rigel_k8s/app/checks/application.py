@@ -23,17 +23,17 @@ from rigel_k8s.app.application import (
 from rigel_k8s.app.checks.commands import check_line
 from rigel_k8s.app.checks.contradictions import check_contradictions
 from rigel_k8s.app.checks.network import check_network
+from rigel_k8s.app.checks.networkpolicy import check_network_policy
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, names_of
+from rigel_k8s.app.checks.security import check_security
 from rigel_k8s.app.generation import Generation, generation_of
 from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
-from rigel_k8s.app.networkpolicy import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
 from rigel_k8s.app.recording import find_faults
-from rigel_k8s.app.security import check_security
 from rigel_k8s.app.updating import (
     is_rolling,
     requests_hand_over,

@@ -207,7 +207,7 @@ def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[
 def check_memory(options: OrchestrationOptions) -> Iterator[Problem]:
     """Yield nodes with a /dev/shm of their own: what others write for them would get lost."""
     for key, node in options.nodes.items():
-        for index in find_mounts(node, SHM_PATH):
+        for index in find_mounts(node.volumes, SHM_PATH):
             message = (
                 f"with `shared_memory` all nodes have the machine's {SHM_PATH}: remove this volume"
             )

@@ -68,7 +68,7 @@ def refuse_nodes(
             if other in keys:
                 message = f'"{other}" is in the same pod: remove one of the two'
                 yield Problem((*path, "placement", "apart_from", index), message, "pod-node")
-        for index in find_mounts(node, SHM_PATH):
+        for index in find_mounts(node.volumes, SHM_PATH):
             message = f"the nodes of a pod have one {SHM_PATH} in common: remove this volume"
             yield Problem((*path, "volumes", index), message, "pod-node")
 

@@ -163,7 +163,9 @@ def split_runnable(
 
 
 complete_job = make_completion("targets", lambda targets, s, _: targets.names(s))
-complete_release = make_completion("targets", lambda targets, s, _: targets.names(s, "release"))
+complete_release = make_completion(
+    "targets", lambda targets, s, _: targets.names(s, targets.HasRelease)
+)
 complete_node = make_completion(
     "targets", lambda targets, s, ctx: targets.node_names(s, ctx.params.get("job"))
 )

@@ -9,6 +9,7 @@ from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.targets import Jobs, Release, read_jobs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import make_failure
+from rigel_k8s.jobs.deploying import HasRelease
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.matrix import Outcome, count_failures, list_outcomes
 from rigel_k8s.jobs.runner import list_steps
@@ -93,7 +94,7 @@ def list_releases(step: Step, jobs: Jobs, cluster: Cluster) -> list[ReleaseId]:
     values = Values(jobs.rigelfile)
     own: dict[ReleaseId, None] = {}
     for job, data in list_uses(step, lambda step, known: values.preview_matrix(step, known)[0]):
-        if hasattr(job.type, "release"):
+        if isinstance(job.type, HasRelease):
             release = jobs.find_release(job, jobs.read_names(job, data), cluster)
             if release is not None:
                 own[release] = None

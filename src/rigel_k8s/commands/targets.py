@@ -18,7 +18,8 @@ from rigel_k8s.app.deploying.target import release_key
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.deploying import Deploys, HasRelease
+from rigel_k8s.jobs.job import HasWorkloads, JobContext
 from rigel_k8s.jobs.steps import Job
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.kube import Cluster, connect
@@ -45,14 +46,14 @@ class Jobs:
     rigelfile: Rigelfile
     settings: Settings
 
-    def list_jobs(self, able: str) -> list[Job]:
-        """Return the jobs whose type has a method: parts, release or workloads (jobs/job.py)."""
+    def list_jobs(self, able: type[Any]) -> list[Job]:
+        """Return the jobs whose type has an interface of jobs/job.py."""
         directory = self.settings.rigelfile.absolute().parent
         jobs = []
         for spec in self.rigelfile.jobs.values():
             with suppress(UserError):  # its type is not known
                 jobs.append(Job(spec, registry.job_type(spec.plugin, directory)))
-        return [job for job in jobs if hasattr(job.type, able)]
+        return [job for job in jobs if isinstance(job.type, able)]
 
     def choose(self, name: str | None, nodes: Sequence[str] = ()) -> Job:
         """Return the named job, or the one that deploys the Rigelfile's application.
@@ -67,7 +68,7 @@ class Jobs:
         """
         if name is not None:
             return self._find(name)
-        jobs = self.list_jobs("workloads")
+        jobs = self.list_jobs(HasWorkloads)
         if not jobs:
             raise UserError(
                 f"{self.rigelfile.source.name} has no orchestration job",
@@ -90,7 +91,7 @@ class Jobs:
         return (whole or meant[0])[0]
 
     def _find(self, name: str) -> Job:
-        deploying = {job.name: job for job in self.list_jobs("parts")}
+        deploying = {job.name: job for job in self.list_jobs(Deploys)}
         if name in deploying:
             return deploying[name]
         if name in self.rigelfile.jobs:
@@ -102,7 +103,7 @@ class Jobs:
 
     def unknown(self, name: str) -> tuple[UserError, str | None]:
         """Return the error for a name that no job has, and the job that was probably meant."""
-        names = [job.name for job in self.list_jobs("parts")]
+        names = [job.name for job in self.list_jobs(Deploys)]
         close = grammar.find_nearest(name, names)
         meant = f', did you mean "{close}"?' if close else ""
         hint = f"jobs that deploy: {', '.join(names) or 'none'}"
@@ -114,7 +115,7 @@ class Jobs:
 
     def list_nodes(self, job: Job) -> list[str]:
         """Return the keys of a job's nodes, and its other workloads. Raises as read_names."""
-        if not hasattr(job.type, "workloads"):
+        if not isinstance(job.type, HasWorkloads):
             return []
         return list(job.type.workloads(self.read_names(job), self.rigelfile.application))
 
@@ -149,8 +150,9 @@ class Jobs:
 
     def find_release(self, job: Job, options: Any, cluster: Cluster) -> ReleaseId | None:
         """Return the release that is a job's own; None without one."""
-        find = getattr(job.type, "release", None)
-        return find(options, self.settings, cluster) if find else None
+        if not isinstance(job.type, HasRelease):
+            return None
+        return job.type.release(options, self.settings, cluster)
 
 
 def read_jobs(settings: Settings) -> Jobs:
@@ -158,8 +160,8 @@ def read_jobs(settings: Settings) -> Jobs:
     return Jobs(load(settings, patient=True), settings)
 
 
-def names(settings: Settings, able: str = "parts") -> list[str]:
-    """Return the names of all jobs that deploy something, or of those with another method."""
+def names(settings: Settings, able: type[Any] = Deploys) -> list[str]:
+    """Return the names of all jobs that deploy something, or of those with another interface."""
     return [job.name for job in read_jobs(settings).list_jobs(able)]
 
 
@@ -172,7 +174,7 @@ def list_namespaces(settings: Settings, cluster: Cluster) -> list[str]:
     if settings.rigelfile.exists() and not settings.namespace:
         with suppress(RigelK8sError):
             jobs = read_jobs(settings)
-            for job in jobs.list_jobs("release"):
+            for job in jobs.list_jobs(HasRelease):
                 own = jobs.find_release(job, jobs.read_names(job), cluster)
                 found += [own.namespace] if own else []
     return list(dict.fromkeys(found)) or [settings.namespace or cluster.namespace]

@@ -3,22 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.job import JobContext, O_contra
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.release.part import Part
+    from rigel_k8s.release.types import ReleaseId
+    from rigel_k8s.settings import Settings
 
-O_contra = TypeVar("O_contra", contravariant=True)
 
-
+@runtime_checkable
 class Deploys(Protocol[O_contra]):
-    """A job type that deploys."""
+    """A job type that deploys: `render`, `diff` and `run` work for it."""
 
     def parts(self, options: O_contra, job: JobContext, cluster: Cluster | None) -> Sequence[Part]:
-        """Return what a job would deploy; see jobs.job.JobType."""
+        """Return what a job deploys (release/part.py); nothing is written.
+
+        Its `run` is then `jobs.deploying.deploy(self, options, job)`. Without a cluster (`render`),
+        the parts are as far as the Rigelfile describes them.
+        """
+
+
+@runtime_checkable
+class HasRelease(Protocol[O_contra]):
+    """A job type with a release: `status`, `history`, `rollback` and `down` work for it."""
+
+    def release(
+        self, options: O_contra, settings: Settings, cluster: Cluster | None
+    ) -> ReleaseId | None:
+        """Return the release that is this job's own.
+
+        None: it deploys only what all applications of a cluster share.
+        """
 
 
 def deploy(kind: Deploys[O_contra], options: O_contra, job: JobContext) -> Sequence[Part]:

@@ -25,7 +25,7 @@ from rigel_k8s.jobs.branches import (
     make_failure,
     summarise_error,
 )
-from rigel_k8s.jobs.job import JobContext, JobOptions, JobReporter
+from rigel_k8s.jobs.job import Exclusive, JobContext, JobOptions, JobReporter
 from rigel_k8s.jobs.matrix import (
     Limits,
     Outcome,
@@ -271,9 +271,9 @@ class Execution:
     @contextmanager
     def _hold(self, job: Job, options: Any, where: str) -> Iterator[None]:
         """Hold what a job uses exclusively (such as a release); UserError if another one does."""
-        exclusive = getattr(job.type, "exclusive", None)
-        run = self._run_context
-        key = exclusive(options, run.application, run.settings) if exclusive else None
+        run, key = self._run_context, None
+        if isinstance(job.type, Exclusive):
+            key = job.type.exclusive(options, run.application, run.settings)
         if key is None:
             yield
             return

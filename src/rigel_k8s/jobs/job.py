@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import attrs
 
@@ -91,31 +91,9 @@ class JobType(Protocol[O_contra]):
     others (a dependency of a concurrent stage, `job.serving`) sets `job.ready` when they may use it
     and runs until `job.cancel` is set; one whose effect lasts without it just returns.
 
-    A job type may also have a method `exclusive(options, application, settings) -> str | None`: a
-    key for what its jobs must not do at the same time (deploy one release, write one file).
-
-    And it may have a method `check_files(options, application, home) -> Sequence[Problem]`, which
-    reads files that the options name: `rigel check` calls it, and a run before the job, since
-    an earlier job may write them. `home` is the Rigelfile's directory.
-
-    And it may have a method `check_jobs(options, jobs) -> Sequence[Problem]` if its options name
-    other jobs of the Rigelfile. `jobs` are all of them by name; pure, as `check`.
-
-    And it may have `needs_cluster`: True if `run` connects to the cluster of the settings, False
-    if it neither does so nor creates one. Without it, the type may create one.
-
-    A type that deploys describes that with up to three more methods, by which `render`, `diff`,
-    `status` and `down` know its jobs. None of them writes:
-
-    `parts(options, job, cluster) -> Sequence[Part]`: what a job deploys (release/part.py); its
-    `run` is then `jobs.deploying.deploy(self, options, job)`. Without a cluster (`render`), the
-    parts are as far as the Rigelfile describes them.
-
-    `release(options, settings, cluster) -> ReleaseId | None`: the release that is this job's own.
-    None: it deploys only what all applications of a cluster share.
-
-    `workloads(options, application) -> Sequence[str]`: the names of the nodes and other workloads
-    of an application. Its jobs are meant where a command names none.
+    A job type may have `needs_cluster`: True if `run` connects to the cluster of the settings,
+    False if it neither does so nor creates one. Without it, the type may create one. What else it
+    may do: the classes below, and those of deploying.py and rigelfile/options.py.
     """
 
     options: ClassVar[type[Any]]
@@ -125,6 +103,24 @@ class JobType(Protocol[O_contra]):
 
     def run(self, options: O_contra, job: JobContext) -> None:
         """Do the work."""
+
+
+@runtime_checkable
+class Exclusive(Protocol[O_contra]):
+    """A job type whose jobs must not do some things at the same time."""
+
+    def exclusive(
+        self, options: O_contra, application: Application, settings: Settings
+    ) -> str | None:
+        """Return a key for that, such as the release to deploy or the file to write, or None."""
+
+
+@runtime_checkable
+class HasWorkloads(Protocol[O_contra]):
+    """A job type for an application; its jobs are meant where a command names none."""
+
+    def workloads(self, options: O_contra, application: Application) -> Sequence[str]:
+        """Return the names of the nodes and other workloads."""
 
 
 class ProviderType(Protocol[O_contra]):

@@ -12,7 +12,7 @@ import difflib
 import importlib
 import importlib.util
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,32 +20,18 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.installed import broken_error, find
+from rigel_k8s.jobs.deploying import Deploys, HasRelease
 from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
-from rigel_k8s.jobs.job import JobType, ProviderType
+from rigel_k8s.jobs.job import Exclusive, HasWorkloads, JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, GROUPS, Kind, index_by_name, list_installed
+from rigel_k8s.rigelfile.options import ReadsFiles, ReadsJobs
 from rigel_k8s.system.trust import require_trust
 
-#: The methods of a job type and of a provider, with their parameters.
-METHODS: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
-    "job": {"check": ("options", "application"), "run": ("options", "job")},
-    "provider": {
-        "check": ("options", "application"),
-        "connect": ("options", "name", "report"),
-        "disconnect": ("connection",),
-    },
-}
-
-#: Those that a job type may have.
-OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
-    "job": {
-        "exclusive": ("options", "application", "settings"),
-        "check_files": ("options", "application", "home"),
-        "check_jobs": ("options", "jobs"),
-        "parts": ("options", "job", "cluster"),
-        "release": ("options", "settings", "cluster"),
-        "workloads": ("options", "application"),
-    },
-    "provider": {},
+#: What a job type or a provider must be, and what it may be beside that.
+INTERFACES: Mapping[Kind, type[Any]] = {"job": JobType, "provider": ProviderType}
+OPTIONAL: Mapping[Kind, Sequence[type[Any]]] = {
+    "job": (Exclusive, ReadsFiles, ReadsJobs, Deploys, HasRelease, HasWorkloads),
+    "provider": (),
 }
 
 
@@ -190,8 +176,15 @@ def word(kind: Kind) -> str:
     return "job type" if kind == "job" else "provider"
 
 
+def list_methods(interface: type[Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the methods of an interface, with the names of their parameters."""
+    for name, method in vars(interface).items():
+        if inspect.isfunction(method) and not name.startswith("_"):
+            yield name, tuple(inspect.signature(method).parameters)[1:]
+
+
 def _describe_interface(kind: Kind) -> str:
-    methods = " and ".join(_signature(*one) for one in METHODS[kind].items())
+    methods = " and ".join(_signature(*one) for one in list_methods(INTERFACES[kind]))
     return f"a {word(kind)} needs `options`, {methods}, and a constructor without arguments"
 
 
@@ -204,14 +197,15 @@ def _options_faults(cls: type[Any]) -> Iterator[str]:
 
 
 def _method_faults(cls: type[Any], kind: Kind) -> Iterator[str]:
-    for method, parameters in METHODS[kind].items():
+    for method, parameters in list_methods(INTERFACES[kind]):
         if not callable(getattr(cls, method, None)):
             yield f"it has no method {_signature(method, parameters)}"
         else:
             yield from _find_misfit(cls, method, parameters)
-    for method, parameters in OPTIONAL[kind].items():
-        if hasattr(cls, method):
-            yield from _find_misfit(cls, method, parameters)
+    for interface in OPTIONAL[kind]:
+        if issubclass(cls, interface):
+            for method, parameters in list_methods(interface):
+                yield from _find_misfit(cls, method, parameters)
 
 
 def _find_misfit(cls: type[Any], method: str, parameters: tuple[str, ...]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.job import JobOptions
+from rigel_k8s.jobs.job import Exclusive, JobOptions
 from rigel_k8s.jobs.matrix import combinations, find_limit_fault, label, split_limits
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
 from rigel_k8s.option_text import has_template
@@ -181,10 +181,9 @@ class _StepsCheck:
     def _visit_job(self, job: Job, known: Known, branch: str) -> Held:
         seen = self.values.preview(job, known)
         self.findings.update(dict.fromkeys(seen.findings))
-        exclusive = getattr(job.type, "exclusive", None)
-        if seen.options is None or exclusive is None:
+        if seen.options is None or not isinstance(job.type, Exclusive):
             return {}
-        key = exclusive(seen.options, self.rigelfile.application, self.settings)
+        key = job.type.exclusive(seen.options, self.rigelfile.application, self.settings)
         if key is None or has_template(key):  # a value that an earlier job will store
             return {}
         return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import attrs
 
@@ -20,6 +20,26 @@ from rigel_k8s.rigelfile.source import Source, YamlNode, kind_of, strip_places
 from rigel_k8s.rigelfile.spending import bounded
 from rigel_k8s.rigelfile.structure import Doubts, structure
 from rigel_k8s.settings import Application
+
+O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type
+
+
+@runtime_checkable
+class ReadsFiles(Protocol[O_contra]):
+    """A job type whose options name files: `rigel check` reads them, and a run before the job."""
+
+    def check_files(
+        self, options: O_contra, application: Application, home: Path
+    ) -> Sequence[Problem]:
+        """Return what is wrong with the files; `home` is the Rigelfile's directory."""
+
+
+@runtime_checkable
+class ReadsJobs(Protocol[O_contra]):
+    """A job type whose options name other jobs of the Rigelfile."""
+
+    def check_jobs(self, options: O_contra, jobs: Mapping[str, ComponentSpec]) -> Sequence[Problem]:
+        """Return what is wrong with that; `jobs` are all of them by name. Pure, as `check`."""
 
 
 @attrs.frozen
@@ -56,19 +76,18 @@ class Preview:
     ) -> tuple[Finding, ...]:
         """Return what the checks of a job type or provider find in the draft."""
         findings = self.place_problems(kind.check(self.draft, application))
-        if check_jobs := getattr(kind, "check_jobs", None):
-            findings += self.place_problems(check_jobs(self.draft, jobs))
+        if isinstance(kind, ReadsJobs):
+            findings += self.place_problems(kind.check_jobs(self.draft, jobs))
         return findings
 
     def check_files(
         self, kind: Any, application: Application, source: Source
     ) -> tuple[Finding, ...]:
         """Return what is wrong with the files that the draft names."""
-        check_files = getattr(kind, "check_files", None)
-        if check_files is None:
+        if not isinstance(kind, ReadsFiles):
             return ()
         home = Path(source.name).absolute().parent
-        return self.place_problems(check_files(self.draft, application, home))
+        return self.place_problems(kind.check_files(self.draft, application, home))
 
 
 def preview(

@@ -9,6 +9,7 @@ import pytest
 from rigel_k8s.commands import targets
 from rigel_k8s.commands.targets import job_of, list_namespaces, names, node_names, release
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
+from rigel_k8s.jobs.deploying import HasRelease
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -314,7 +315,7 @@ def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> Non
     found = settings(tmp_path, AGENT, DEPLOY, BUILD)
     assert release(found, "agent").id == ReleaseId("own", "muto-agent")
     assert release(found).id.name == "rigel-k8s-application"
-    assert names(found, "release") == ["agent", "deploy"]
+    assert names(found, HasRelease) == ["agent", "deploy"]
     with pytest.raises(UserError, match='the job "build" deploys nothing'):
         release(found, "build")
     with pytest.raises(ProblemsError):

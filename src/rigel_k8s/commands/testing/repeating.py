@@ -18,7 +18,7 @@ from rigel_k8s.commands.testing.run import Trial, run_tests
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
 from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.importing import importable
-from rigel_k8s.jobs.job import JobReporter
+from rigel_k8s.jobs.job import Exclusive, JobReporter
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.steps import list_jobs
 from rigel_k8s.network.plan import domain
@@ -125,7 +125,7 @@ def require_apart(prepared: Prepared) -> None:
                 for path, message in find_shared(seen.options, ros)
             )
             found += [render(source, one) for one in seen.place_problems(shared)]
-        elif seen.options is not None and hasattr(job.type, "exclusive"):
+        elif seen.options is not None and isinstance(job.type, Exclusive):
             key = job.type.exclusive(seen.options, application, prepared.settings)
             if key and str(prepared.settings.namespace) not in key:
                 found.append(f"the job {job.name} of each run would work on {key}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import secrets
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.takeovers import assert_took_over, longest_gap
+from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.story]
 
@@ -78,9 +80,15 @@ def test_messages_arrive(demo: Demo) -> None:
     assert all("I heard hello world" in line for line in lines)
 
 
-def test_delivery_is_checked_not_assumed(demo: Demo) -> None:
-    """The job `check` alone can be run again and passes."""
-    demo("run", "job", "check")
+def assert_a_new_message_arrives(demo: Demo) -> None:
+    """Set a parameter that the talker puts into its messages, and find it in the listener's log."""
+    nonce = secrets.token_hex(8)
+    demo("exec", "talker", "--", "rosparam", "set", "/nonce", f"n{nonce}")
+    until(lambda: nonce in demo("logs", "listener", "--tail", "20").stdout, nonce)
+
+
+def test_a_message_made_now_arrives(demo: Demo) -> None:
+    assert_a_new_message_arrives(demo)
 
 
 def test_ros_tools_work_in_a_node(demo: Demo) -> None:
@@ -137,7 +145,7 @@ def test_rollback_brings_the_first_version_back(demo: Demo) -> None:
     """One command undoes the update, and messages flow again."""
     demo("rollback")
     assert "VERSION=1" in demo("exec", "talker", "--", "env").stdout.splitlines()
-    demo("run", "job", "check")
+    assert_a_new_message_arrives(demo)
 
 
 def test_down_leaves_nothing(demo: Demo, cluster: Any, space: str) -> None:

@@ -58,7 +58,6 @@ class Greet:
         ("rigel_k8s.DockerfilePlugin", "dockerfile"),
         ("rigel.plugins.core.BuildXPlugin", "buildx"),
         ("rigel_k8s.BuildXPlugin", "buildx"),
-        ("rigel_k8s.DeliveryPlugin", "delivery"),
     ],
 )
 def test_names_of_rigel_and_of_the_peer_mean_ours(name: str, short: str) -> None:

@@ -92,7 +92,7 @@ FILES = {
     "base 60, not whole": HEAD + f"vars: {{a: {':'.join(['59'] * 199)}.5}}",
     "a hexadecimal number": HEAD + DEPLOY.replace("[b]", f"0x{'f' * 350}") % "",
     "a large matrix": HEAD
-    + "jobs: {d: {plugin: delivery, with: {}}}\nsequences:\n  s:\n    stages: [{parallel: [{jobs: [d]}],"
+    + "jobs: {d: {plugin: network, with: {}}}\nsequences:\n  s:\n    stages: [{parallel: [{jobs: [d]}],"
     + f" matrix: {{{', '.join(f'k{n}: {list(range(20))}' for n in range(9))}}}}}]\n",
     "matrices in each other": HEAD
     + "jobs:\n  d:\n    plugin: rigel_k8s.OrchestrationPlugin\n    with: {deployment_name: d}\n"
@@ -109,11 +109,11 @@ FILES = {
     + "jobs:\n  d:\n    plugin: rigel_k8s.OrchestrationPlugin\n    with:\n"
     + "".join(f"      deployment_nam{n}: x\n" for n in range(9000)),
     "unknown jobs": HEAD
-    + f"jobs: {{{', '.join(f'job{n}: {{plugin: delivery}}' for n in range(3000))}}}\n"
+    + f"jobs: {{{', '.join(f'job{n}: {{plugin: network}}' for n in range(3000))}}}\n"
     + f"sequences: {{s: {{stages: [{{jobs: [{', '.join(f'jib{n}' for n in range(9000))}]}}]}}}}\n",
     "unknown variables": HEAD
     + f"vars: {{{', '.join(f'name{n}: 1' for n in range(3000))}}}\n"
-    + "jobs: {d: {plugin: delivery, with: {a: ["
+    + "jobs: {d: {plugin: network, with: {a: ["
     + ", ".join(f"'{{{{ vars.nome{n} }}}}'" for n in range(9000))
     + "]}}}\n",
     "one long line of mistakes": HEAD

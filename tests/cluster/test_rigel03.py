@@ -1,10 +1,10 @@
-"""The delivery check on real ROS nodes; and the same Rigelfile run by Rigel 0.3 itself."""
+"""Rigel 0.3 itself deploys real ROS nodes with our plugin."""
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -37,25 +37,15 @@ jobs:
           args: [python3, /nodes/listener.py]
           volumes: [{config_map: nodes, mount_path: /nodes}]
           placement: {apart_from: [talker]}
-        deaf:
-          args: [sleep, infinity]
-          readiness: none
-          placement: {apart_from: [talker]}
-  check:
-    plugin: rigel_k8s.DeliveryPlugin
-    with: {namespace: SPACE, publisher: talker, subscriber: listener, timeout: 4m}
-  check_deaf:
-    plugin: delivery
-    with: {namespace: SPACE, publisher: talker, subscriber: deaf, timeout: 5s}
 sequences:
-  all: {stages: [{jobs: [deploy, check]}]}
+  all: {stages: [{jobs: [deploy]}]}
 """
 
 
 @pytest.fixture(scope="module")
 def space(cluster: Any) -> Iterator[str]:
     """A namespace for all tests of this file, with the example's nodes in a ConfigMap."""
-    name = "t-delivery"
+    name = "t-rigel03"
     cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
     nodes = {file.name: file.read_text() for file in EXAMPLE.rglob("*.py")}
     meta = {"name": "nodes", "namespace": name}
@@ -72,27 +62,10 @@ def project(tmp_path: Path, space: str, base_image: str) -> Path:
     return tmp_path
 
 
-def test_messages_of_real_nodes_arrive_from_another_machine(
-    rigel: Callable[..., subprocess.CompletedProcess[str]], project: Path
-) -> None:
-    """Deploy, then a nonce that is made only now comes back in ten messages without a gap."""
-    done = rigel("run", "sequence", "all", cwd=project)
-    assert "10 messages, " in done.stdout + done.stderr
-
-
-def test_a_node_that_hears_nothing_fails_the_check(
-    rigel: Callable[..., subprocess.CompletedProcess[str]], project: Path
-) -> None:
-    """Its pod is ready; the check says that nothing arrived, and where both pods are."""
-    rigel("run", "job", "deploy", cwd=project)
-    done = rigel("run", "job", "check_deaf", cwd=project, check=False)
-    assert done.returncode == 1
-    assert "job check_deaf: 0 of 10 messages of talker to deaf arrived within 5s" in done.stderr
-    assert "talker: pod talker-" in done.stderr
-
-
 @pytest.mark.skipif(not RIGEL03, reason="RIGEL03_PYTHON names no environment with Rigel 0.3")
-def test_rigel_itself_deploys_and_checks(project: Path, context: str, tmp_path: Path) -> None:
+def test_rigel_itself_deploys(
+    project: Path, space: str, context: str, tmp_path: Path, cluster: Any
+) -> None:
     """`rigel run sequence` of Rigel 0.3, with our plugins, from the same Rigelfile."""
     known = os.environ.get("KUBECONFIG") or str(Path.home() / ".kube" / "config")
     config = yaml.safe_load(Path(known.split(os.pathsep)[0]).read_text())
@@ -108,4 +81,5 @@ def test_rigel_itself_deploys_and_checks(project: Path, context: str, tmp_path: 
         timeout=400,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "check: 10 messages, " in done.stderr
+    names = {one["metadata"]["name"] for one in cluster.list("apps/v1", "Deployment", space)}
+    assert names == {"ros-master", "talker", "listener"}

@@ -19,6 +19,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import restart as restarts
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import compare_objects, difference
+from rigel_k8s.release.hiding import hide
 from rigel_k8s.release.history import Entry, History
 from rigel_k8s.release.look import look
 from rigel_k8s.release.revisions import Record, records
@@ -98,7 +99,7 @@ def history(settings: Settings, job: str | None) -> Sequence[Entry]:
 
 
 def show(settings: Settings, job: str | None, number: int) -> tuple[Entry, Revision]:
-    """Return one revision of a release, and what it changed.
+    """Return one revision of a release, and what it changed; options without their secrets.
 
     Raises:
         UserError: the release has no such revision.
@@ -108,7 +109,7 @@ def show(settings: Settings, job: str | None, number: int) -> tuple[Entry, Revis
     [entry] = [
         one for one in History(ROS_NAME_ANNOTATION).make_entries(known) if one.number == number
     ]
-    return entry, revision
+    return entry, attrs.evolve(revision, options=hide(revision.options))
 
 
 def compare(settings: Settings, job: str | None, old: int, new: int | None) -> str:

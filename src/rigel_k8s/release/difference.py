@@ -15,11 +15,16 @@ import yaml
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.text import join_words
+from rigel_k8s.release.hiding import cover, hide
 from rigel_k8s.release.labelling import HASH_ANNOTATION
 from rigel_k8s.release.plan import substance
 from rigel_k8s.release.types import Step
 
-HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")
+HIDDEN_NOTES = (
+    HASH_ANNOTATION,
+    "deployment.kubernetes.io/revision",
+    "kubectl.kubernetes.io/last-applied-configuration",  # the whole object, with its secrets
+)
 #: The end of a name that changes with the content.
 DIGEST = re.compile(r"-[0-9a-f]{10}$")
 #: What stands for a text of several lines while the rest is written, and how YAML writes that.
@@ -149,12 +154,14 @@ def lines(shown: Manifest | None, other: Manifest | None, word: str) -> list[str
     """
     if shown is None:
         return []
-    content = shorten_binary(substance(shown))
+    content: dict[str, Any] = hide(shorten_binary(substance(shown)), other, word)
     notes = content["metadata"].get("annotations") or {}
     notes = {key: value for key, value in notes.items() if key not in HIDDEN_NOTES}
     content["metadata"] = {**content["metadata"], "annotations": notes}
     if content["kind"] == "Secret":
-        content["data"] = dict(hide_values(content.get("data") or {}, other, word))
+        there = (other or {}).get("data") or {}
+        data = content.get("data") or {}
+        content["data"] = {key: cover(data[key], there.get(key), word) for key in data}
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     texts: list[str] = []
     written = str(yaml.dump(set_aside(content, texts), Dumper=dumper, width=1000))
@@ -200,12 +207,3 @@ def shorten_binary(manifest: Manifest) -> dict[str, Any]:
 def describe_file(content: bytes) -> str:
     """Return a file's size, and a digest that shows whether two are equal."""
     return f"({len(content)} bytes, sha256 {hashlib.sha256(content).hexdigest()[:16]})"
-
-
-def hide_values(
-    data: dict[str, Any], other: Manifest | None, word: str
-) -> Iterator[tuple[str, str]]:
-    """Yield a Secret's keys; a value shows only whether it equals the other side's."""
-    there = (other or {}).get("data") or {}
-    for key, value in data.items():
-        yield key, "(hidden)" if there.get(key) == value else f"(hidden, {word})"

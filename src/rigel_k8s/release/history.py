@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
+from rigel_k8s.release.hiding import hide
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.revisions import BY, CREATED, DAMAGES, DESCRIPTION, Record, find_good
 
@@ -22,8 +22,6 @@ FILES = "files"
 MOST_FILES = 3
 #: Characters of an option's value that are shown.
 LONGEST = 40
-#: Variables whose values are not shown.
-SECRET = re.compile("PASS|SECRET|TOKEN|KEY|CREDENTIAL", re.I)
 #: The value of an option that is not there.
 UNSET: Any = object()
 
@@ -170,14 +168,18 @@ def compare_options(
             yield from compare_options(before, after, place)
             continue
         name = ".".join(place[1:] if place[0] == "nodes" else place)
-        if "env" in path and SECRET.search(key):
+        was, now = (
+            "" if one is UNSET else show(hide({key: one}, key=path[-1] if path else "")[key])
+            for one in (before, after)
+        )
+        if was == now:
             yield f"{name}: another value"
         elif before is UNSET:
-            yield f"{name}: {show(after)} is new"
+            yield f"{name}: {now} is new"
         elif after is UNSET:
-            yield f"{name}: {show(before)} is removed"
+            yield f"{name}: {was} is removed"
         else:
-            yield f"{name}: {show(before)} to {show(after)}"
+            yield f"{name}: {was} to {now}"
 
 
 def show(value: Any) -> str:

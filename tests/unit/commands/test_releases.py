@@ -273,6 +273,40 @@ def test_one_revision_is_shown_whole(fake: Any, report: Recorder) -> None:
     assert revision.options["nodes"]["brake"]["parameters"] == {"limit": 1.6}
 
 
+def test_no_command_about_revisions_shows_a_secret(fake: Any, report: Recorder) -> None:
+    """In all shapes that `env` has in options and objects; where one comes from is shown."""
+    ref = {"secretKeyRef": {"name": "cloud", "key": "key", "optional": True}}
+    for n in "12":
+        made = workload("brake")
+        env = [{"name": "API_KEY", "value": f"hush{n}"}, {"name": "A", "value": n}]
+        [container] = made["spec"]["template"]["spec"]["containers"]
+        container["env"] = [*env, {"name": "CLOUD_KEY", "valueFrom": ref}]
+        options = {
+            "env": {"TOKEN": f"hush{n}"},
+            "nodes": {
+                "brake": {"env": env},
+                "odd": {"env": {"PASSWORD": 7, f"OLD_KEY{n}": "hush"}},
+            },
+            "patches": [{"spec": {"containers": [{"name": "c", "env": env}]}}],
+        }
+        deploy(Desired(RELEASE, (made,), options=options), fake, report=report)
+    [_, last] = releases.history(Settings(), None)
+    entry, revision = releases.show(Settings(), None, 2)
+    text = releases.compare(Settings(), None, 1, None)
+    assert list(last.changes) == [
+        "env.TOKEN: another value",
+        "brake.env: another value",
+        "odd.env.OLD_KEY1: (hidden) is removed",
+        "odd.env.OLD_KEY2: (hidden) is new",
+        "patches: another value",
+    ]
+    assert revision.options["env"] == {"TOKEN": "(hidden)"}
+    assert {"name": "A", "value": "2"} in revision.options["nodes"]["brake"]["env"]
+    assert "-          value: (hidden, as it is)\n+          value: (hidden, changed)\n" in text
+    for found in (last, entry, revision.options, text):
+        assert "hush" not in str(found)
+
+
 @pytest.mark.parametrize(("numbers", "signs"), [((1, None), "-+"), ((1, 2), "-+"), ((2, 1), "+-")])
 def test_two_revisions_are_compared(
     fake: Any, report: Recorder, numbers: tuple[int, int | None], signs: str

@@ -97,9 +97,15 @@ def singletons(manifest: Manifest | None) -> set[str]:
 
 
 def describe_plan(
-    plan: Plan, *, keep: Collection[ObjectRef] = ()
+    plan: Plan, *, keep: Collection[ObjectRef] = (), back_to: int | None = None
 ) -> tuple[Sequence[str], Sequence[str]]:
-    """Return what will be done as lines, and as warnings which data is left where it is."""
+    """Return what will be done as lines, and as warnings which data is left where it is.
+
+    Args:
+        keep: as in compare.
+        back_to: the revision that is deployed again; None for a deploy of the Rigelfile.
+    """
+    missing = "no longer in the Rigelfile" if back_to is None else f"not in revision {back_to}"
     words = {"create": "to create", "change": "to change", "prune": "to delete"}
     counts = [
         f"{sum(1 for step in plan.steps if step.action == action)} {word}"
@@ -110,9 +116,9 @@ def describe_plan(
         f"{plan.release.namespace}/{plan.release.name}: {', '.join(counts) or 'nothing to change'}"
     ]
     if lost := [s.ref.name for s in plan.steps if s.action == "prune" and s.ref.kind in WORKLOADS]:
-        lines.append(f"no longer in the Rigelfile, and deleted: {', '.join(lost)}")
+        lines.append(f"{missing}, and deleted: {', '.join(lost)}")
     warnings = [
-        f"{step.ref} is no longer in the Rigelfile; it holds data, so it is kept "
+        f"{step.ref} is {missing}; it holds data, so it is kept "
         f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
         for step in plan.steps
         if step.action == "forget"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.release import revisions
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
-from tests.support.manifests import RELEASE, workload
+from tests.support.manifests import RELEASE, claim, workload
 from tests.support.releases import deploy, diff, rollback
 
 HERE, THERE = "/home/ann/robot", "/home/ann/second"
@@ -65,3 +66,14 @@ def test_it_can_be_replaced(robot: Any, report: Any) -> None:
     rollback(robot, RELEASE, report=report)
     sources = [record.revision().source for record in revisions.records(robot, RELEASE)]
     assert sources == [HERE, THERE, HERE]
+
+
+def test_a_rollback_names_its_revision(robot: Any, report: Any) -> None:
+    """The Rigelfile may have what the revision does not."""
+    wanted = from_folder(HERE, "driver", "filter", "imu", master=True)
+    wanted = attrs.evolve(wanted, objects=(*wanted.objects, claim("bags")))
+    deploy(wanted, robot, report=report)
+    rollback(robot, RELEASE, report=report)
+    assert "not in revision 1, and deleted: imu" in report.lines
+    assert "bags is not in revision 1; it holds data, so it is kept" in str(report.warnings)
+    assert "Rigelfile" not in str(report.lines + report.warnings)

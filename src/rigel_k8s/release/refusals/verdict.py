@@ -72,8 +72,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
     ]
     if problems:
         error = Refused(
-            f"{survey.desired.release.name} cannot be deployed as the Rigelfile describes it; "
-            "nothing was changed",
+            f"{survey.desired.release.name} cannot be deployed; nothing was changed",
             details=[problem.message for problem in problems],
         )
         error.problems = tuple(problems)

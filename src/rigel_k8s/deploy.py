@@ -147,7 +147,7 @@ def write_release(run: Run, seen: Look | None = None) -> Revision:
             lease.confirm()
         except RigelK8sError as error:
             if not lease.lost.is_set():  # otherwise the deploy with the Lease owns the revision
-                record.mark_failed(run, pending, error)
+                record.mark_ended(run, pending, error)
             raise
         return record.mark_good(run, pending, plan, kept)
 

@@ -13,7 +13,7 @@ from rigel_k8s.cli.words import is_quiet, json_option, namespace_option, print_j
 from rigel_k8s.release.listing import ReleaseSummary
 
 #: Of revisions that are not good.
-STATES = {"failed": "red", "pending": WARNING}
+STATES = {"failed": "red", "pending": WARNING, "interrupted": WARNING}
 HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 
 

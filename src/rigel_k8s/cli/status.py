@@ -124,8 +124,7 @@ def headline(found: ReleaseStatus) -> str:
         return f"{where}; its revision cannot be read (the right to list secrets is missing)"
     if not found.revision:
         return f"{where}: no revision"
-    state = {"good": "", "pending": " (not finished)"}
-    suffix = state.get(found.revision_status, f" ({found.revision_status})")
+    suffix = "" if found.revision_status == "good" else f" ({found.revision_status})"
     old = f"; revision {found.good or 'before'} still runs" if found.keeps_old else ""
     return f"{where}, revision {found.revision}{suffix}{old}"
 

@@ -31,7 +31,7 @@ class Entry:
     """One revision.
 
     Attributes:
-        status: pending, good, failed or superseded.
+        status: pending, interrupted, good, failed or superseded.
         by: user@machine of the process that made it, "" if it does not say so.
         images: those of its workloads, each once.
         changes: what it changed, a line for each option and workload.

@@ -30,7 +30,8 @@ class ReleaseSummary:
     """A release in one line.
 
     Attributes:
-        status: of the newest revision: good, pending or failed; damaged if it has none.
+        status: of the newest revision: good, pending, interrupted or failed; damaged if it has
+            none.
         ready: how many of its workloads are ready.
         workloads: how many it has.
         updated: when the newest revision was made, as Kubernetes writes times.

@@ -1,4 +1,4 @@
-"""A deploy's own revision: pending when it begins, then good or failed.
+"""A deploy's own revision: pending when it begins, then good, failed or interrupted.
 
 The pending one names old and new objects together: after an interruption the next deploy finds all
 that may be left in it.
@@ -61,26 +61,27 @@ def add_uids(pending: Revision, applied: Mapping[ObjectRef, Manifest]) -> Revisi
     return attrs.evolve(pending, inventory=tuple(inventory))
 
 
-def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
-    """Mark a revision failed; an interrupted one stays pending and can be continued."""
-    if error.exit_code == 130:
-        return
+def mark_ended(run: Run, pending: Revision, error: RigelK8sError) -> None:
+    """Mark a revision failed, or interrupted: the cluster may complete it."""
     details = [line for line in error.details[:1] if not line.startswith(" ")]  # no line of a log
     why = "; ".join([error.message, *details])
+    ended = attrs.evolve(pending, status="failed", failure=why)
+    if error.exit_code == 130:
+        ended = attrs.evolve(pending, status="interrupted")
     with suppress(ClusterError):  # the first error matters more
-        revisions.update(run.cluster, attrs.evolve(pending, status="failed", failure=why))
+        revisions.update(run.cluster, ended)
 
 
 def mark_good(
     run: Run, pending: Revision, plan: Plan, kept: Sequence[revisions.Record]
 ) -> Revision:
-    """Mark a revision good, close what earlier deploys left open, and forget the oldest ones."""
+    """Mark a revision good, close what killed deploys left open, and forget the oldest ones."""
     there = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
     mine = tuple(item for item in pending.inventory if item.ref in there and item.uid)
     good = attrs.evolve(pending, status="good", inventory=mine)
     revisions.update(run.cluster, good)
     for record in kept:
         if record.status == "pending":
-            revisions.update(run.cluster, attrs.evolve(record.revision(), status="failed"))
+            revisions.update(run.cluster, attrs.evolve(record.revision(), status="interrupted"))
     revisions.forget_old(run.cluster, [*kept, revisions.record(good)])
     return good

@@ -94,13 +94,13 @@ def find_unfinished(
 ) -> revisions.Record | None:
     """Return the record of an interrupted rollback, None without one.
 
-    It is the last one and pending; or good, and the process that wrote it was killed before it
-    could release its Lease: its user has not seen that it was done.
+    It is the last one and has not ended; or it is good, and the process that wrote it was killed
+    before it could release its Lease: its user has not seen that it was done.
     """
     last = records[-1] if records else None
     if last is None or last.back_to is None:
         return None
-    if last.status == "pending":
+    if last.status in ("pending", "interrupted"):
         return last
     lease = cluster.get(lease_ref(release)) if last.status == "good" else None
     return last if lease is not None and is_alive(lease) is not True else None

@@ -126,7 +126,7 @@ class InventoryItem:
     uid: str = ""
 
 
-RevisionStatus: TypeAlias = Literal["pending", "good", "failed", "superseded"]
+RevisionStatus: TypeAlias = Literal["pending", "interrupted", "good", "failed", "superseded"]
 
 
 @attrs.frozen

@@ -169,7 +169,7 @@ def is_running(cluster: Any, namespace: str) -> bool:
 def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     cluster: Any, make: Any, report: Any
 ) -> None:
-    """Ctrl-C: the revision stays pending, the Lease is free, the next run sees it through."""
+    """Ctrl-C: the revision is interrupted, the Lease is free, the next run sees it through."""
     slow = {"exec": {"command": ["sh", "-c", "test -e /ready"]}, "periodSeconds": 1}
     cancel = threading.Event()
     mine = {RELEASE_LABEL: "demo"}
@@ -184,14 +184,14 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
         user.submit(interrupt)
         with pytest.raises(Interrupted, match="the cluster continues the roll-out"):
             deploy(wanted, cluster, report=report, cancel=cancel)
-    assert [r.status for r in history(cluster, make.release)] == ["pending"]
+    assert [r.status for r in history(cluster, make.release)] == ["interrupted"]
     assert cluster.get(lease_ref(make.release)) is None
     (pod,) = cluster.list("v1", "Pod", make.namespace, labels=mine)
     name = pod["metadata"]["name"]
     until(lambda: is_running(cluster, make.namespace), "the pod runs", 180)
     cluster.run(make.namespace, name, ["sh", "-c", ": > /ready"])
     deploy(wanted, cluster, report=report)
-    assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]
+    assert [r.status for r in history(cluster, make.release)] == ["interrupted", "good"]
 
 
 def test_an_object_made_anew_by_somebody_else_is_not_pruned(

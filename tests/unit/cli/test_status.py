@@ -87,7 +87,7 @@ def test_status_for_people() -> None:
     """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
     text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)
     assert click.unstyle(text) == (
-        "release app in namespace robots, revision 3 (not finished)\n"
+        "release app in namespace robots, revision 3 (pending)\n"
         "\n"
         "NODE      ROS NAME  READY  POD         ON     RESTARTS  AGE  IMAGE\n"
         "listener  -         0/1    listener-2  node2  3         24h  r/l:1@sha256:abababa\n"

@@ -16,6 +16,7 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import locking
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollout import standing, wait
 from rigel_k8s.release.rollout.patience import Patience
@@ -105,7 +106,7 @@ def test_down_goes_on_where_it_may_not_look(
 # Interruptions.
 
 
-def test_an_interrupted_revision_stays_pending(fake: Any, report: Recorder) -> None:
+def test_an_interrupted_revision_has_not_failed(fake: Any, report: Recorder) -> None:
     """The cluster goes on with it, and the next run sees it through."""
     cancel = threading.Event()
 
@@ -116,11 +117,12 @@ def test_an_interrupted_revision_stays_pending(fake: Any, report: Recorder) -> N
     fake.store.controllers = Controllers(kubelet)
     with pytest.raises(Interrupted, match="the cluster continues the roll-out"):
         deploy(desired(workload()), fake, report=report, cancel=cancel)
-    assert [r.status for r in history(fake, RELEASE)] == ["pending"]
+    assert [r.status for r in history(fake, RELEASE)] == ["interrupted"]
+    assert [one.status for one in list_releases(fake, None)] == ["interrupted"]
     assert LEASE not in fake.objects
     fake.store.controllers = Controllers()
     deploy(desired(workload()), fake, report=report)
-    assert [r.status for r in history(fake, RELEASE)] == ["failed", "good"]
+    assert [r.status for r in history(fake, RELEASE)] == ["interrupted", "good"]
 
 
 def test_an_interruption_is_heard_between_objects(fake: Any, report: Recorder) -> None:

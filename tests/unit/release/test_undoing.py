@@ -68,7 +68,7 @@ def test_a_number_wins_over_a_rollback_that_was_interrupted(fake: FakeCluster, r
         deploy(desired(config(k=number)), fake, report=report)
     with pytest.raises(Interrupted):
         rollback(Interrupting(fake.store), RELEASE, 1, report=report)  # type: ignore[arg-type]
-    assert history(fake, RELEASE)[-1].status == "pending"
+    assert history(fake, RELEASE)[-1].status == "interrupted"
     assert rollback(fake, RELEASE, 2, report=report).back_to == 2  # type: ignore[arg-type]
 
 

@@ -88,7 +88,7 @@ def test_an_interrupted_verification_leaves_the_revision_open(fake: Any, report:
 
     with pytest.raises(Interrupted):
         deploy(desired(config("a", k="2")), fake, report=report, verify=verify)
-    assert statuses(fake) == ["good", "pending"]
+    assert statuses(fake) == ["good", "interrupted"]
 
 
 def test_a_failure_before_the_first_write_leaves_no_revision(fake: Any, report: Any) -> None:

@@ -771,6 +771,39 @@ def test_a_page_that_may_not_change_anything_offers_nothing(tab: Tab, served: Se
     assert "--allow-changes" in tab.text()
 
 
+def ask_nothing(number: int, report: Any, cancel: threading.Event) -> Revision:
+    raise AssertionError(f"no one has asked for revision {number}")
+
+
+def test_a_revision_that_was_never_good_looks_different(browser: Browser) -> None:
+    """In words as well as in its border; a killed deploy was interrupted."""
+    states = {1: "failed", 2: "interrupted", 3: "pending", 4: "superseded", 5: "good", 6: "pending"}
+    with serve_page(rollback=ask_nothing) as served:
+        fill(served.feed, ROBOT, changes=True)
+        whole = {**served.feed.get("release"), "status": "pending", "revision": 6}
+        served.feed.publish("release", {"release": {**whole, "changing": "me"}})
+        known = {f"revision/{n}": {**revision(n), "status": s} for n, s in states.items()}
+        served.feed.publish("revision", known)
+        tab = show(browser, served)
+        tab.wait("document.querySelectorAll('#history > li').length === 6", "the history")
+        read = "[...document.querySelectorAll('#history %s')].map((e) => %s)"
+        lines = tab.read(read % ("strong", "e.nextSibling.textContent"))
+        words = ["pending", "good", "superseded", "interrupted", "interrupted", "failed"]
+        assert [line.strip(" ,") for line in lines] == words
+        found = tab.read(read % ("button", "[e.textContent, getComputedStyle(e).borderStyle]"))
+        assert found == [
+            ["Roll back to revision 5…", "solid"],
+            ["Roll back to revision 4…", "solid"],
+            ["Roll back to revision 3, which was interrupted…", "dashed"],
+            ["Roll back to revision 2, which was interrupted…", "dashed"],
+            ["Roll back to revision 1, which has failed…", "dashed"],
+        ]
+        click(tab, "#history .doubtful")
+        title = tab.read("document.querySelector('#confirm-title').textContent")
+        assert title == "Roll back to revision 3, which was interrupted?"
+        tab.close()
+
+
 def test_a_rollback_is_confirmed(browser: Browser) -> None:
     """The dialog says what would change; Cancel and Escape do nothing."""
     rolled: list[int] = []

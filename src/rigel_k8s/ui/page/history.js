@@ -2,8 +2,8 @@
 
 import { byId, make, setText, showTime, update } from "./dom.js";
 import { get, group } from "./store.js";
+import { isRolling } from "./summary.js";
 
-const WORDS = { pending: "not ended", good: "good", failed: "failed", superseded: "replaced" };
 let target = null;
 
 /** Show what has changed. */
@@ -13,33 +13,36 @@ export function showHistory(groups) {
   const now = get("release").revision;
   const allowed = get("server").changes;
   const busy = get("change").state === "running";
-  const items = revisions.map((one) => makeItem(one, { now: one.number === now, allowed, busy }));
+  const rolling = isRolling(get("release"));
+  const items = revisions.map((one) => makeItem(one, { now: one.number === now, allowed, busy, rolling }));
   const focused = document.activeElement?.dataset?.revision;
-  if (update(byId("history"), items, [revisions, now, allowed, busy]) && focused) {
+  if (update(byId("history"), items, [revisions, now, allowed, busy, rolling]) && focused) {
     byId("history").querySelector(`[data-revision="${CSS.escape(focused)}"]`)?.focus();
   }
   const hidden = get("release").status === "unseen";
   setText(byId("history-note"), hidden ? "The right to watch Secrets is missing." : revisions.length && !allowed ? "Read-only: start rigel ui with --allow-changes to roll back here." : "");
 }
 
-function makeItem(one, { now, allowed, busy }) {
+function makeItem(one, { now, allowed, busy, rolling }) {
+  const status = one.status === "pending" && !(now && rolling) ? "interrupted" : one.status; // its deploy was killed
   const item = make(
     "li",
-    { class: one.status, value: one.number },
-    make("p", {}, make("strong", {}, `Revision ${one.number}`), ` ${WORDS[one.status] ?? one.status}, `, make("time", { datetime: one.created }, showTime(one.created)), one.by ? ` by ${one.by}` : "", now ? " (present)" : ""),
+    { class: status },
+    make("p", {}, make("strong", {}, `Revision ${one.number}`), ` ${status}, `, make("time", { datetime: one.created }, showTime(one.created)), one.by ? ` by ${one.by}` : "", now ? " (present)" : ""),
     one.description ? make("p", {}, one.description) : null,
     one.changes.length ? make("ul", {}, ...one.changes.map((text) => make("li", {}, text))) : null,
   );
   if (allowed && !now) {
-    item.append(make("button", { type: "button", "data-revision": one.number, disabled: busy, onclick: () => ask(one) }, `Roll back to revision ${one.number}…`));
+    const doubt = { failed: ", which has failed", interrupted: ", which was interrupted" }[status] ?? "";
+    item.append(make("button", { type: "button", class: doubt && "doubtful", "data-revision": one.number, disabled: busy, onclick: () => ask(one, doubt) }, `Roll back to revision ${one.number}${doubt}…`));
   }
   return item;
 }
 
-function ask(one) {
+function ask(one, doubt) {
   target = one;
   const place = get("cluster");
-  setText(byId("confirm-title"), `Roll back to revision ${one.number}?`);
+  setText(byId("confirm-title"), `Roll back to revision ${one.number}${doubt}?`);
   setText(byId("confirm-text"), one.back.length
     ? `The release ${place.release} in the namespace ${place.namespace} changes as follows. Nodes that change restart.`
     : `The workloads of the release ${place.release} in the namespace ${place.namespace} stay as they are.`);

@@ -30,7 +30,8 @@ function describeRevision(release) {
   return `Revision ${release.revision}${state ? `, ${state}` : ""}`;
 }
 
-const isRolling = (release) => release.status === "pending" && release.changing !== "";
+/** Return whether a deploy is in progress. */
+export const isRolling = (release) => release.status === "pending" && release.changing !== "";
 
 function showBanner(cluster, release) {
   document.body.classList.toggle("stale", Boolean(cluster.message));

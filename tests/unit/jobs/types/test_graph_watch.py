@@ -329,7 +329,9 @@ def test_a_rollback_that_fails_says_both(world: World, monkeypatch: pytest.Monke
     assert caught.value.details == (LOST, "10.0.0.1")
 
 
-@pytest.mark.parametrize(("where", "status"), [(None, "good"), ({"graph_worse": True}, "pending")])
+@pytest.mark.parametrize(
+    ("where", "status"), [(None, "good"), ({"graph_worse": True}, "interrupted")]
+)
 def test_ctrl_c_ends_the_watch(world: World, where: Any, status: str) -> None:
     """What was applied stays; an update that was to be verified is not good yet."""
     world.nodes = {"lidar": DUMB, "planner": PLANNER}

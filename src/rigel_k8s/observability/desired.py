@@ -21,6 +21,7 @@ from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.pinning import pin
@@ -65,7 +66,9 @@ def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
         claims=gives_storage(cluster),
         api_servers=api_servers(cluster),
     )
-    return DesiredStack(stack, pin(stack_release(stack, merged), last, cluster.nodes))
+    made = pin(stack_release(stack, merged), last, cluster.nodes)
+    beside = [administrator_ref(where)] if stack.has_grafana else []
+    return DesiredStack(stack, attrs.evolve(made, beside=frozenset(beside)))
 
 
 def _namespace(requested: str | None, existing: str | None) -> str:

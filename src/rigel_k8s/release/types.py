@@ -57,6 +57,7 @@ class Desired:
             is the only part that is not data: only the builder of a release can decide what to
             check.
         defined: kinds, as (group, kind), that another part of the same deploy defines before.
+        beside: objects that its builder makes before it is written; no revision has them.
         source: the folder of the Rigelfile, "" if it is not known.
     """
 
@@ -69,6 +70,7 @@ class Desired:
     remedies: Mapping[str, str] = attrs.field(factory=dict)
     inspect: Inspect | None = attrs.field(default=None, eq=False, repr=False)
     defined: frozenset[tuple[str, str]] = frozenset()
+    beside: frozenset[ObjectRef] = frozenset()
     source: str = ""
 
 

@@ -291,6 +291,12 @@ def test_a_stack_that_is_there_costs_no_wait(
     assert "machine robot is not ready: the installation does not wait for it" in report.warnings
 
 
+def test_the_secret_that_it_makes_itself_is_not_missing(install: Any, report: Recorder) -> None:
+    """Grafana's administrator, at the first deploy."""
+    install({"enabled": True})
+    assert not any("does not exist" in warning for warning in report.warnings)
+
+
 def test_an_application_goes_on_without_its_stack(
     install: Any, fake: FakeCluster, report: Recorder
 ) -> None:

@@ -94,7 +94,8 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     trials = choose_trials(work.in_reach, work.live, work.manifests)
     changed = [m for m in work.candidates if changes_template(m, work.live)]
     claims = [m for m in work.candidates if is_new_claim(m, work.live)]
-    needs = find_needs(changed, claims, work.manifests)
+    found = find_needs(changed, claims, work.manifests)
+    needs = {need: found[need] for need in found if need not in work.desired.beside}
 
     def try_one(manifest: Manifest) -> Live | Refusal:
         result = try_object(cluster, manifest, work.desired, adopt=adopt)

@@ -17,7 +17,7 @@ from rigel_k8s.release.rollout.surroundings import look_around
 from tests.support.clock import Leap, leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import desired, ref, workload
+from tests.support.manifests import claim, desired, ref, workload
 from tests.support.releases import deploy
 
 TALKER = ref("Deployment", "talker")
@@ -149,6 +149,47 @@ def test_a_command_that_does_not_find_ros_has_its_hint(
     with pytest.raises(RolloutFailed) as caught:
         deploy(desired(node), fake, report=report, patience=hasty, timeout=30)
     assert ("use `args`" in str(caught.value.hint)) is (key == "command")
+
+
+LINE = "[ERROR] Error writing: Error opening file: /bags/run.bag.active"
+
+
+@pytest.mark.parametrize(
+    ("volume", "mount", "line", "named"),
+    [
+        ({"hostPath": {"path": "/srv/bags"}}, {}, LINE, True),
+        ({"persistentVolumeClaim": {"claimName": "bags-pvc"}}, {}, LINE, True),
+        ({"persistentVolumeClaim": {"claimName": "other"}}, {}, LINE, False),
+        ({"hostPath": {"path": "/srv/bags"}}, {"readOnly": True}, LINE, False),
+        ({"hostPath": {"path": "/srv/bags"}}, {}, "[ERROR] no such topic", False),
+        ({"hostPath": {"path": "/srv/bags"}}, {}, "writing to /bags/run", False),
+        ({"emptyDir": {}}, {}, LINE, False),
+    ],
+)
+def test_a_folder_of_the_machine_that_cannot_be_written_is_named(
+    fake: FakeCluster,
+    report: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    volume: Any,
+    mount: Any,
+    line: str,
+    named: bool,  # noqa: FBT001
+) -> None:
+    """The program names where it sees the folder, and its exit code may be 0."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
+    monkeypatch.setattr(FakeCluster, "logs", lambda *_, **__: iter([line]))
+    fake.store.controllers = Controllers(crash_status)
+    node, held = workload(), claim("bags-pvc")
+    pod = node["spec"]["template"]["spec"]
+    pod["volumes"] = [{"name": "v", **volume}]
+    pod["containers"][0]["volumeMounts"] = [{"name": "v", "mountPath": "/bags", **mount}]
+    held["spec"] = {"volumeName": "bags-pv", "storageClassName": ""}
+    disk = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "bags-pv"}}
+    fake.create(claim("other"))
+    wanted = desired(node, held, {**disk, "spec": {"hostPath": {"path": "/srv/bags"}}})
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(wanted, fake, report=report, patience=Patience(crash=0.1, crash_limit=0.2))
+    assert ("write to /srv/bags of its machine" in str(caught.value.hint)) is named
 
 
 def test_a_wait_for_what_was_refused_to_look_at_ends(

@@ -25,7 +25,7 @@ from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, Volume
-from rigel_k8s.objects.raw import pod_of
+from rigel_k8s.objects.raw import containers_of, mapping, pod_of
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
 from rigel_k8s.problems import Problem
 
@@ -41,6 +41,17 @@ EVERYWHERE = (
     "/sys",
     "/tmp",
     "/var/run",
+)
+#: What is reported of a machine's directory: of one that other machines have as well, and of one
+#: that may belong to another user.
+ANY_MACHINE = (
+    "the pod sees {path} of the machine that it runs on, which may be another one after a restart:"
+    " set placement.node (or placement.labels), or use persistent_storage without host_path"
+)
+OWNER = (
+    "a new {path} on the machine belongs to root: if the image runs as another user, run"
+    " `chown UID {path}` there, and set security_context: {{runAsUser: UID}}; if the node only"
+    " reads, set read_only: true"
 )
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
@@ -265,27 +276,30 @@ def find_group(line: Sequence[str]) -> str | None:
 def check_machine_data(
     node: NodeOptions, volumes: Mapping[str, Volume], *, restricted: bool
 ) -> Iterator[Problem]:
-    """Yield directories of a machine that another machine does not have with the same content.
+    """Yield directories of a machine that another one does not have with the same content.
+
+    Where there is no other one: those that the container's user may not be able to write to.
 
     Args:
         volumes: the release's persistent volumes, by name.
-        restricted: a node's own `host_path` is already refused.
+        restricted: a node's own `host_path` is already refused, and its user is known.
     """
-    patched = any(pod_of(node.patch).get(k) for k in ("nodeName", "nodeSelector", "affinity"))
-    if node.placement.node_selector or patched:
-        return
+    pod = pod_of(node.patch)
+    patched = any(pod.get(key) for key in ("nodeName", "nodeSelector", "affinity"))
+    pinned = bool(node.placement.node_selector) or patched
+    contexts = [mapping(one.get("securityContext")) for one in (pod, *containers_of(node.patch))]
+    has_user = any("runAsUser" in context for context in (node.security_context, *contexts))
     for index, mount in enumerate(map(mount_of, node.volumes)):
         own = None if restricted else mount.host_path
         volume = volumes.get(str(mount.name))
         path = PurePosixPath(str(own or (volume and volume.host_path) or "/dev"))
         if any(path.is_relative_to(place) for place in EVERYWHERE):
             continue
-        message = (
-            f"the pod sees {path} of the machine that it runs on, which may be another one after a"
-            " restart: set placement.node (or placement.labels), or use persistent_storage without"
-            " host_path"
-        )
-        yield Problem(("volumes", index), message, "any-machine", severity="warning")
+        if pinned and (restricted or has_user or mount.read_only):
+            continue
+        kind, text = ("volume-owner", OWNER) if pinned else ("any-machine", ANY_MACHINE)
+        message = text.format(path=path)
+        yield Problem(("volumes", index), message, kind, severity="warning")
 
 
 def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:

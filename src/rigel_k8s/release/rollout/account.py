@@ -10,16 +10,17 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
-from rigel_k8s.objects.raw import containers_of
+from rigel_k8s.objects.raw import containers_of, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release.part import Run
-from rigel_k8s.release.rollout.causes import CAUSES, Cause, probe_failure
+from rigel_k8s.release.rollout.causes import CAUSES, ERROR, Cause, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Seen
 from rigel_k8s.release.rollout.readiness import UNSEEN
 from rigel_k8s.release.rollout.standing import Standing
 
 LOG_LINES = 12
 NO_ROS = re.compile(r"No module named '(rclpy|rospy)'")
+HELD = ("PersistentVolumeClaim", "PersistentVolume")
 LOGGED = ("crash", "restarted", "failed")  # causes of which the container's log says more
 
 
@@ -109,10 +110,11 @@ class Account:
         others = [seen for seen in known if seen.cause.message != what]
         failed = list(dict.fromkeys(seen.ref for seen in (*hopeless, *known) if seen not in others))
         names = ", ".join(ref.name for ref in failed)
+        log = self.read_log(first)
         return RolloutFailed(
             f"{self.name_survivor(failed)}{names} did not become ready: {what}",
-            hint=self.choose_hint(first.ref, first.cause),
-            details=[*self.read_log(first), *self.list_causes(others)],
+            hint=self.choose_hint(first.ref, first.cause, log),
+            details=[*log, *self.list_causes(others)],
         )
 
     def timeout_error(self) -> RolloutFailed:
@@ -168,7 +170,9 @@ class Account:
             return [f"    {line}" for line in lines]
         return []
 
-    def choose_hint(self, ref: ObjectRef, cause: Cause | None = None) -> str:
+    def choose_hint(
+        self, ref: ObjectRef, cause: Cause | None = None, log: Sequence[str] = ()
+    ) -> str:
         """Return what to do next: about a cause, if it is known."""
         kind, target = cause.kind if cause else "", self.standing.targets[ref]
         command = self.run.options.write_command(f"logs {ref.name}", self.run.release)
@@ -177,6 +181,13 @@ class Account:
         image = image_remedy_of(target)
         if cause and lacks_ros(target, cause):
             remedy = "`command` replaces the image's ENTRYPOINT, which loads ROS: use `args`"
+        elif cause and (
+            folder := find_folder(target, self.run.desired.objects, [cause.message, *log])
+        ):
+            remedy = (
+                f"the container's user may not be allowed to write to {folder} of its machine:"
+                f" `chown UID {folder}` there; {logs}"
+            )
         elif image and kind in (*LOGGED, "image", "image-name", "start"):
             remedy = f"{image}; {remedy}"
         return f"{remedy}; {self.run.choose_way_out(self.good)}"
@@ -186,3 +197,23 @@ def lacks_ros(workload: Manifest, cause: Cause) -> bool:
     """Whether a container has not found ROS and runs a command without its image's ENTRYPOINT."""
     own = (one for one in containers_of(workload) if one["name"] == cause.container)
     return bool(NO_ROS.search(cause.message)) and any(one.get("command") for one in own)
+
+
+def find_folder(
+    workload: Manifest, objects: Iterable[Manifest], lines: Sequence[str]
+) -> str | None:
+    """Return the directory of a machine that errors name by the path at which it is mounted."""
+    errors = [line for line in lines if ERROR.match(line)]
+    kept = {
+        one["metadata"]["name"]: one.get("spec") or {} for one in objects if one["kind"] in HELD
+    }
+    for volume in pod_of(workload).get("volumes") or ():
+        claim = kept.get((volume.get("persistentVolumeClaim") or {}).get("claimName"), {})
+        source = {**kept.get(claim.get("volumeName"), {}), **volume}.get("hostPath") or {}
+        for container in containers_of(workload):
+            for mount in container.get("volumeMounts") or ():
+                place = f"{mount['mountPath'].rstrip('/')}/"
+                found = mount["name"] == volume["name"] and not mount.get("readOnly")
+                if source and found and any(place in line for line in errors):
+                    return str(source["path"])
+    return None

@@ -555,6 +555,37 @@ def test_a_hundred_nodes_stay_readable(browser: Browser, size: tuple[int, int]) 
         tab.close()
 
 
+def test_the_card_of_what_was_clicked_is_in_view(browser: Browser) -> None:
+    """Where the parts are below each other, too: it is next to the graph."""
+    robot = [node(f"/node_{i}") for i in range(18)]
+    with serve_page() as served:
+        fill(served.feed, robot)
+        tab = show(browser, served, (800, 700))
+        for name in ("/node_3", "/node_11"):
+            click(tab, f"[data-box='{name}']")
+            tab.wait(f"{TITLE} === '{name}'", "the card")
+            place = "document.querySelector('#details').getBoundingClientRect()"
+            assert tab.read(f"{place}.top >= 0 && {place}.bottom <= innerHeight")
+            last = "document.querySelector('#graph').getBoundingClientRect().bottom"
+            assert tab.read(f"{last} > 0"), "a part of the graph is still there"
+        tab.close()
+
+
+def test_what_is_not_in_view_is_counted(browser: Browser) -> None:
+    """A graph that would be too small to read is cut; one that is shown whole needs no words."""
+    view = "document.querySelector('#graph-view').textContent"
+    with serve_page() as served:
+        fill(served.feed, [node(f"/node_{i}", machine=f"m{i}") for i in range(40)])
+        tab = show(browser, served)
+        tab.wait(f"/^[1-9]\\d* of 40 nodes are in view$/.test({view})", "the number")
+        before = tab.read(view)
+        tab.read("document.querySelector('#graph').scrollTo(9999, 9999)")
+        tab.wait(f"{view} !== {json.dumps(before)}", "another number")
+        click(tab, "#zoom-fit")
+        tab.wait(f"{view} === ''", "all of it")
+        tab.close()
+
+
 def overlaps(places: list[list[float]]) -> list[Any]:
     """Return the pairs of places that cover each other."""
     return [

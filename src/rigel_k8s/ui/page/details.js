@@ -54,4 +54,9 @@ function showPod(pod) {
   return [make("code", {}, pod.name), ` ${words.filter(Boolean).join(", ")}`, pod.message ? make("span", { class: "cause" }, ` ${pod.message}`) : ""];
 }
 
-onChoose(showDetails);
+const narrow = matchMedia("(max-width: 900px)"); // style.css has the same width
+
+onChoose(() => {
+  showDetails();
+  if (narrow.matches) byId("details-part").scrollIntoView({ block: "nearest" });
+});

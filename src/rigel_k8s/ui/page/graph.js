@@ -27,6 +27,7 @@ export function showGraph(groups) {
   if (placed && drawn?.placed !== placed) drawAll(placed, boxes, topics);
   if (!boxes.length) {
     drawn = null;
+    showView();
     update(area, [make("p", { class: "note" }, "No node yet.")], "none");
   }
   if (drawn) {
@@ -98,7 +99,7 @@ function drawBox(box, at) {
   const top = at.y - at.height / 2;
   const shape = draw("g", { transform: `translate(${left + 10} ${top + 8})` });
   const name = draw("text", { class: "name", x: left + 27, y: top + 19 });
-  squeeze(name, `${box.name} `, FONTS.name, at.width - 32);
+  squeeze(name, `${box.name} `, FONTS.name, at.width - 36);
   const note = draw("text", { class: "words", x: left + 10, y: top + 36 });
   const title = draw("title", {});
   const element = draw("g", { class: "box", "data-box": box.name, "data-workload": box.workload },
@@ -265,6 +266,15 @@ function scale() {
   drawn.factor = zoom || (whole < LEAST ? wide : whole);
   drawn.svg.setAttribute("width", Math.floor(drawn.width * drawn.factor));
   drawn.svg.setAttribute("height", Math.floor(drawn.height * drawn.factor));
+  showView();
+}
+
+/** Show how many nodes are in view, unless all are. */
+function showView() {
+  const view = area.getBoundingClientRect();
+  const boxes = [...(drawn?.boxes.values() ?? [])].map(({ element }) => element.getBoundingClientRect());
+  const seen = boxes.filter((box) => box.left >= view.left && box.right <= view.right && box.top >= view.top && box.bottom <= view.bottom);
+  setText(byId("graph-view"), seen.length < boxes.length ? `${seen.length} of ${boxes.length} nodes are in view` : "");
 }
 
 function zoomBy(step) {
@@ -279,6 +289,7 @@ byId("zoom-fit").addEventListener("click", () => {
   zoom = zoom === whole ? 0 : whole;
   scale();
 });
+area.addEventListener("scroll", showView);
 new ResizeObserver(() => {
   showGraph();
   scale();

@@ -17,6 +17,7 @@ export function showLog() {
   const name = selected() && (get(`node/${selected()}`).name ?? selected());
   setText(byId("log-title"), name ? `Log of ${name}` : "Log");
   setText(byId("log-note"), name ? "" : "Choose a node to follow its log.");
+  area.hidden = !name;
 }
 
 function clear() {

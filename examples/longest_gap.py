@@ -25,6 +25,7 @@ def main() -> None:
     print(
         f"{len(times)} messages, usually one every {usual:.2f} s;"
         f" the longest time without one: {max(gaps):.2f} s"
+        " (an update adds about 0.1 s; a busy machine needs longer)"
     )
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+from rigel_k8s.cli.main import COMMANDS
 
 pytestmark = pytest.mark.programs
 
@@ -63,6 +67,28 @@ def test_the_base_image_is_built_while_the_cluster_comes_up(tmp_path: Path) -> N
     ]
     assert "then 10.0.0.2:5000 10.0.0.2:5000/ros:noetic" in done.stdout
     assert "cluster down --name demo" in done.stdout
+
+
+@pytest.mark.parametrize("demo", sorted(SCRIPT.parent.glob("*/demo")), ids=lambda p: p.parent.name)
+def test_each_demo_ends_with_what_to_look_at(demo: Path) -> None:
+    """The page and the graph among it; all are commands that exist."""
+    named = re.findall(r"^  rigel (\w+)", demo.read_text().partition("next_steps")[2], re.MULTILINE)
+    assert {"ui", "graph", "logs", "history", "down"} <= {*named}
+    assert {*named} <= COMMANDS.keys()
+
+
+def test_the_longest_gap_is_printed_with_what_is_normal() -> None:
+    """Of the lines with a word alone."""
+    stamps = ("00.0", "00.1", "00.2", "00.45", "00.55")
+    lines = [f"2026-01-01T00:00:{stamp}Z I heard: {name}" for stamp in stamps for name in "ab"]
+    script = [sys.executable, str(SCRIPT.parent / "longest_gap.py"), "b"]
+    done = subprocess.run(
+        script, input="\n".join(lines), text=True, capture_output=True, check=True
+    )
+    assert done.stdout == (
+        "5 messages, usually one every 0.10 s; the longest time without one: 0.25 s"
+        " (an update adds about 0.1 s; a busy machine needs longer)\n"
+    )
 
 
 def test_a_base_image_that_fails_says_why(tmp_path: Path) -> None:

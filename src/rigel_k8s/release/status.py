@@ -90,6 +90,7 @@ class WorkloadStatus:
     Attributes:
         name: its own, or that of the node in its pods.
         kinds: the kinds of the causes that `message` names (rollout/causes.py).
+        halted: someone has stopped it, or its roll-outs (drift.py).
         drift: what others have changed in it, a sentence's end for each of them (drift.py).
         old_runs: its update is not complete, and pods of the version before it do its work.
     """
@@ -105,6 +106,7 @@ class WorkloadStatus:
     kinds: tuple[str, ...] = ()
     drift: tuple[str, ...] = ()
     old_runs: bool = False
+    halted: bool = False
 
     @property
     def ok(self) -> bool:
@@ -296,6 +298,7 @@ def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadSta
         tuple(cause.kind for cause in wrong),
         tuple(describe_drift(live)),
         state.old_runs,
+        bool(halt),
     )
 
 

@@ -22,6 +22,7 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.release.drift import describe_halt
 from rigel_k8s.ros import Ros
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
@@ -108,17 +109,18 @@ def list_addresses(annotations: Mapping[str, str], status: Mapping[str, Any]) ->
 def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
     """Return the ROS names that Deployments promise, and the workload of each.
 
-    A Deployment without replicas promises none, nor does a program without ROS.
+    A Deployment that the Rigelfile stops promises none, nor does a program without ROS.
     """
     found = {}
-    for item in split_all(deployments):
+    kept = (one for one in deployments if one["spec"].get("replicas", 1) or describe_halt(one))
+    for item in split_all(kept):
         notes = item["metadata"].get("annotations") or {}
         inner = item["spec"].get("template", {}).get("metadata", {}).get("annotations") or {}
         name = notes.get(ROS_NAME_ANNOTATION)
         with_ros = not denies_ros(inner) and (
             parse_json(inner.get(NETWORK_ANNOTATION), {}).get("ros") != "none"
         )
-        if name and with_ros and item["spec"].get("replicas", 1) and not is_ending(item):
+        if name and with_ros and not is_ending(item):
             found[str(name)] = str(item["metadata"]["name"])
     return found
 

@@ -86,6 +86,8 @@ def find_state(
         return CRASHED
     if workload.done:
         return READY if workload.desired else STOPPED
+    if workload.halted and not kinds:
+        return UNREADY if workload.desired else STOPPED
     if AWAY in kinds or any(pod.kind == AWAY and not pod.ready for pod in workload.pods):
         return UNREACHABLE
     if kinds:
@@ -102,7 +104,7 @@ def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) 
 
     If not all pods are ready, the first text has their number.
     """
-    if state in (READY, STOPPED):
+    if state == READY or (state == STOPPED and workload.done):
         return []
     if workload.done:  # it has crashed, and runs again
         return ["it runs again", *(explain_end(pods) or ["it was restarted"])]
@@ -167,6 +169,11 @@ def release_entry(
         "changing": changing,
         "counts": counts,
         "nodes": len(nodes),
-        "ready": sum(node["state"] in (READY, STOPPED) for node in nodes.values()),
-        "well": all(node["state"] in (READY, STOPPED) for node in needed),
+        "ready": sum(map(is_well, nodes.values())),
+        "well": all(map(is_well, needed)),
     }
+
+
+def is_well(node: Mapping[str, Any]) -> bool:
+    """Whether a node is as the release wants it: ready, or stopped by that and by no one else."""
+    return node["state"] == READY or (node["state"] == STOPPED and not node["cause"])

@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.ros import ROS_2
 from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.problems import find_problems
@@ -95,6 +96,17 @@ def test_deployments_with_pods_and_ros_promise_nodes() -> None:
     dds = {"rigel-k8s/network": '{"ros": "none"}'}
     found = [deployment("a"), deployment("b", 0), deployment("c", **none), deployment("d", **dds)]
     assert expected_nodes(found) == {"/a": "a"}
+
+
+def test_what_someone_has_scaled_to_0_is_still_expected() -> None:
+    """Its node is missing, as `rigel status` says."""
+    stopped = {**deployment("b", 0), "kind": "Deployment"}
+    ours = {"manager": FIELD_MANAGER, "operation": "Apply", "fieldsV1": {"f:spec": {"f:x": {}}}}
+    stopped["metadata"]["managedFields"] = [ours]
+    assert expected_nodes([stopped]) == {"/b": "b"}
+    graph = RosGraph(place_nodes([], [], expected_nodes([stopped])))
+    [problem] = find_problems(graph)
+    assert problem.message == "/b is not in the graph: it has no pod"
 
 
 def placed(node: GraphNode, *pods: GraphPod) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
+from rigel_k8s.objects.marks import FIELD_MANAGER, OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.rollout.surroundings import look_around
@@ -79,6 +79,31 @@ def test_a_node_is_ready() -> None:
 
 def test_a_node_without_pods_on_purpose_is_stopped() -> None:
     assert entry(deployment(replicas=0), [])["state"] == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("change", "state", "words"),
+    [
+        ({"replicas": 0}, "stopped", "someone has scaled it to 0 pods"),
+        ({"paused": True}, "unready", "someone has paused its roll-outs"),
+    ],
+)
+def test_what_someone_has_stopped_is_not_well(
+    change: dict[str, Any], state: str, words: str
+) -> None:
+    """As in `rigel status`."""
+    live = deployment(available=1, replicas=change.get("replicas", 1))
+    live["spec"] |= change
+    ours = {"f:spec": {"f:template": {}}}
+    live["metadata"]["managedFields"] = [
+        {"manager": FIELD_MANAGER, "operation": "Apply", "fieldsV1": ours}
+    ]
+    workload = describe_workload(live, look_around([], []))
+    found = node_entry(workload, [])
+    assert (found["state"], words in found["cause"]) == (state, True)
+    whole = ReleaseStatus(ReleaseId("n", "demo"), 1, "good", (workload,))
+    shown = release_entry(whole, {"talker": found}, changing="")
+    assert (shown["ready"], shown["well"]) == (0, False)
 
 
 def test_a_crashed_node_has_its_last_words() -> None:

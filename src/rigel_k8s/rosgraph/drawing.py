@@ -8,6 +8,7 @@ the browser.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -20,6 +21,8 @@ from rigel_k8s.rosgraph.types import FEEDBACK, GraphNode, GraphTopic, RosGraph
 #: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
 BAD = 'color="#cf2130", fontcolor="#cf2130"'
+#: Characters that no text has in DOT, and those that no name of an item has.
+CONTROL, ODD = re.compile(r"[\0-\x1f]"), re.compile(r'[\0-\x1f%"\\&]')
 ELSEWHERE, NOWHERE = "outside the release", "on no machine"
 
 
@@ -209,7 +212,7 @@ def write_box(box: Box) -> str:
     style = "filled,dashed" if box.missing else "filled"
     more = [BAD] if box.bad else []
     words = [f"label={lines(box.name, box.note)}", f'style="{style}"']
-    return f"{quote('node ' + box.name)} [{', '.join([*words, 'fillcolor=white', *more])}];"
+    return f"{identify('node ' + box.name)} [{', '.join([*words, 'fillcolor=white', *more])}];"
 
 
 def write_pill(pill: Pill) -> str:
@@ -217,13 +220,13 @@ def write_pill(pill: Pill) -> str:
     more = [BAD] if pill.bad else []
     words = [f"label={lines(show_name(pill.name), pill.type, pill.rate)}"]
     look = ['style="rounded,filled"', 'fillcolor="#e3eefc"']
-    return f"{quote('topic ' + pill.name)} [{', '.join([*words, *look, *more])}];"
+    return f"{identify('topic ' + pill.name)} [{', '.join([*words, *look, *more])}];"
 
 
 def write_arrows(picture: Picture) -> Iterator[str]:
     """Yield the edges."""
     for arrow in picture.arrows:
-        ends = [quote(f"node {arrow.node}"), quote(f"topic {arrow.topic}")]
+        ends = [identify(f"node {arrow.node}"), identify(f"topic {arrow.topic}")]
         one, other = ends if arrow.out else ends[::-1]
         yield f"{one} -> {other}" + (' [color="#cf2130"];' if arrow.bad else ";")
 
@@ -238,6 +241,11 @@ def quote(text: str) -> str:
     return f'"{escape(text)}"'
 
 
+def identify(text: str) -> str:
+    """Return the name of an item: what DOT has no way to write is in it as in a URL."""
+    return '"' + ODD.sub(lambda found: f"%{ord(found[0]):02X}", text) + '"'
+
+
 def escape(text: str) -> str:
     """Return a text between DOT's quotes; a backslash would begin an escape sequence."""
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return CONTROL.sub(" ", text.replace("\\", "\\\\").replace('"', '\\"'))

@@ -555,6 +555,32 @@ def test_a_hundred_nodes_stay_readable(browser: Browser, size: tuple[int, int]) 
         tab.close()
 
 
+def test_any_name_has_its_box_and_its_lines(browser: Browser) -> None:
+    """A ROS master takes every name; Graphviz has signs that mean something else."""
+    names = [
+        "/a\nb",
+        "/c\\d",
+        "/e\\nf",
+        '/g"h',
+        "/i\\",
+        "/l&amp;m",
+        "/q\r\nz",
+        "/x\x07y",
+        "/%41",
+        "/ü",
+    ]
+    topics = [topic(f"{name}/t", [name], [names[0]]) for name in names]
+    with serve_page() as served:
+        fill(served.feed, [node(name) for name in names], topics)
+        tab = show(browser, served)
+        shown = tab.read("[...document.querySelectorAll('.box')].map((e) => e.dataset.box)")
+        assert sorted(shown) == sorted(names)
+        assert tab.read("document.querySelectorAll('.topic').length") == len(topics)
+        assert tab.read("document.querySelectorAll('.edge').length") == 2 * len(topics)
+        assert tab.complaints() == []
+        tab.close()
+
+
 def test_the_card_of_what_was_clicked_is_in_view(browser: Browser) -> None:
     """Where the parts are below each other, too: it is next to the graph."""
     robot = [node(f"/node_{i}") for i in range(18)]

@@ -37,13 +37,14 @@ function read(dot, direction) {
   const placed = { width, height, machines: [], places: new Map(), edges: [] };
   const names = new Map();
   for (const item of found.objects ?? []) {
-    names.set(item._gvid, item.name);
+    const name = decodeURIComponent(item.name);
+    names.set(item._gvid, name);
     if (item.bb) {
       const [left, low, right, high] = numbers(item.bb);
       placed.machines.push({ name: item.label, x: left, y: height - high, width: right - left, height: high - low });
     } else {
       const [x, y] = numbers(item.pos);
-      placed.places.set(item.name, { x, y: height - y, width: item.width * POINTS, height: item.height * POINTS });
+      placed.places.set(name, { x, y: height - y, width: item.width * POINTS, height: item.height * POINTS });
     }
   }
   for (const edge of found.edges ?? []) {

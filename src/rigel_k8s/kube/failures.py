@@ -47,6 +47,9 @@ class Cause:
     message: str
     field: str = ""
 
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}" if self.field else self.message
+
 
 @attrs.frozen
 class FieldConflict:

@@ -63,8 +63,7 @@ def warn_of_obstacles(survey: Survey) -> Iterator[str]:
 
 def describe_reason(error: Refusal, ref: ObjectRef) -> str:
     """Return Kubernetes' reason without the name of what was tried."""
-    causes = [f"{cause.field}: {cause.message}" for cause in error.causes if cause.field]
-    text = "; ".join(causes) or POD.sub("", error.words) or error.message
+    text = "; ".join(map(str, error.causes)) or POD.sub("", error.words) or error.message
     return text.replace(f'"{ref.name}"', "NAME")
 
 

@@ -21,6 +21,8 @@ from rigel_k8s.release.types import Desired
 
 #: What of a 403 is about the object; every other one is about the caller, or not understood.
 ABOUT_OBJECTS = ("pod-security", "quota", "no-resources", "limit-range", "policy")
+#: What a dry run refuses because of another manager's strategy, which apply ends before.
+OLD_STRATEGY = "spec.strategy.rollingUpdate"
 
 Live = dict[str, Any]
 
@@ -144,8 +146,8 @@ def try_object(
     except Refusal as error:
         if error.status == 400 and "dry run" in error.message:
             return assume_result(cluster, manifest)
-        if {cause.field for cause in error.causes} == {"spec.strategy.rollingUpdate"}:
-            return assume_result(cluster, manifest)  # apply ends the old strategy before
+        if {cause.field for cause in error.causes} == {OLD_STRATEGY}:
+            return assume_result(cluster, manifest)
         if not is_about_object(error):
             raise
         return error

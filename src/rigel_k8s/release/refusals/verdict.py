@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.errors import ConflictError, UserError
-from rigel_k8s.kube.failures import Conflict, Missing, Refusal
+from rigel_k8s.kube.failures import Cause, Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.text import plural
@@ -19,6 +19,7 @@ from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.refusals.admission import find_obstacles, find_refused_pods
 from rigel_k8s.release.refusals.missing import explain_missing
+from rigel_k8s.release.refusals.trials import OLD_STRATEGY
 from rigel_k8s.release.survey import Survey, belongs, describe_owner
 
 ADOPT = "run it again with --adopt to take them over; they are changed to match the Rigelfile"
@@ -70,14 +71,16 @@ def check(survey: Survey, *, adopt: bool) -> None:
         *find_refused_pods(survey),
         *find_obstacles(survey),
     ]
+    lines = [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]
     if problems:
+        problems += [Problem((), f"{line}; --adopt takes it over", "not-ours") for line in lines]
         error = Refused(
             f"{survey.desired.release.name} cannot be deployed; nothing was changed",
             details=[problem.message for problem in problems],
         )
         error.problems = tuple(problems)
         raise error
-    if lines := [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]:
+    if lines:
         raise ConflictError(
             f"{plural(len(lines), 'object')} of {survey.desired.release.name}"
             f" {'is' if len(lines) == 1 else 'are'} managed by others; "
@@ -167,47 +170,44 @@ def find_invalid(survey: Survey) -> Iterator[Problem]:
 
 
 def explain(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Manifest) -> str:
-    """Return what a refusal means and the way out; if we have none, Kubernetes' own words."""
+    """Return what a refusal means and the way out; causes without one in Kubernetes' own words."""
     where = f"-n {ref.namespace} " if ref.namespace else ""
     delete = DELETE.format(where=where, kind=ref.kind.lower(), name=ref.name)
-    text = " ".join(cause.message for cause in error.causes)
+    causes = [cause for cause in error.causes if cause.field != OLD_STRATEGY]
+    words: list[str] = []
+    known: list[Cause] = []
     if live is not None:
+        known = [cause for cause in causes if "immutable" in cause.message]
         if ref.kind == "PersistentVolumeClaim":
-            return claim(live, manifest, delete) or quote(error)
-        if ref.kind == "PersistentVolume" and "immutable" in text:
-            return VOLUME.format(delete=delete)
-        if ref.kind == "Job" and "immutable" in text:
-            return JOB.format(delete=delete)
-        if "immutable" in text and any(c.field.startswith("spec.selector") for c in error.causes):
-            return SELECTOR.format(kind=ref.kind, delete=delete)
-        if ref.kind == "StatefulSet" and "Forbidden: updates to" in text:
-            return f"{text}; or delete it first: {delete}"
-    return quote(error)
+            words = list(explain_claim(live, manifest, delete))
+            known = [cause for cause in causes if cause.field.startswith("spec")]
+        elif ref.kind in ("PersistentVolume", "Job"):
+            words = [(JOB if ref.kind == "Job" else VOLUME).format(delete=delete)] if known else []
+        else:
+            known = [cause for cause in known if cause.field.startswith("spec.selector")]
+            words = [SELECTOR.format(kind=ref.kind, delete=delete)] if known else []
+    rest = [cause for cause in causes if not words or cause not in known]
+    if live is not None and any("Forbidden: updates to" in cause.message for cause in rest):
+        return f"{'; '.join([*words, *map(str, rest)])}; or delete it first: {delete}"
+    return "; ".join([*words, *map(str, rest)]) or error.message
 
 
-def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
-    """Return what is wrong with a changed claim."""
+def explain_claim(live: Manifest, manifest: Manifest, delete: str) -> Iterator[str]:
+    """Yield what is wrong with a changed claim."""
     asked: Mapping[str, Any] = manifest["spec"]
     old, new = (spec["resources"]["requests"]["storage"] for spec in (live["spec"], asked))
     if old != new:
-        return SIZE.format(old=old, new=new, delete=delete)
+        yield SIZE.format(old=old, new=new, delete=delete)
     names = ("storageClassName", "accessModes", "volumeName", "selector", "volumeMode")
     changed = [n for n in names if n in asked and asked[n] != live["spec"].get(n)]
-    if not changed:
-        return None
-    old, new = (
-        ", ".join(f"{name} {write_value(spec.get(name))}" for name in changed)
-        for spec in (live["spec"], asked)
-    )
-    return CLAIM.format(old=old, new=new, delete=delete)
+    if changed:
+        old, new = (
+            ", ".join(f"{name} {write_value(spec.get(name))}" for name in changed)
+            for spec in (live["spec"], asked)
+        )
+        yield CLAIM.format(old=old, new=new, delete=delete)
 
 
 def write_value(value: object) -> str:
     """Return a value of a claim for people."""
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value or "(none)")
-
-
-def quote(error: Refusal) -> str:
-    """Return a refusal in Kubernetes' own words."""
-    causes = [f"{c.field}: {c.message}" if c.field else c.message for c in error.causes]
-    return "; ".join(causes) or error.message

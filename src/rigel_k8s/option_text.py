@@ -6,6 +6,7 @@ Every package that checks or uses options needs these; the templates themselves 
 from __future__ import annotations
 
 import shlex
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 Scalar: TypeAlias = str | int | float | bool
@@ -31,4 +32,9 @@ def split_text(command: str) -> list[str]:
     """
     if len(command) > LONGEST_COMMAND:
         raise ValueError(f"it has more than {LONGEST_COMMAND} characters")
-    return shlex.split(command)
+    return list(_split(command))
+
+
+@lru_cache(maxsize=64)  # many checks look at the words of the same line
+def _split(command: str) -> tuple[str, ...]:
+    return tuple(shlex.split(command))

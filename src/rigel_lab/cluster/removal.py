@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
 from pathlib import Path
 
 from rigel_k8s.errors import LocalClusterError
@@ -13,6 +16,8 @@ from rigel_lab.cluster.state import State
 
 #: What is mounted where, for this process.
 MOUNTS = Path("/proc/self/mountinfo")
+#: Files that are deleted at once.
+WIDTH = 16
 
 
 def remove(state: State, report: Report) -> None:
@@ -55,7 +60,32 @@ def remove_tree(path: Path) -> None:
         raise LocalClusterError(f"{inside[0]} is still mounted", hint=f"umount {inside[0]}")
     for part in sorted(path.iterdir(), key=lambda part: part.name == "cluster.json"):
         if part.is_dir():
-            shutil.rmtree(part)
+            delete(part)
         else:
             part.unlink()
     path.rmdir()
+
+
+def delete(directory: Path) -> None:
+    """Delete a directory with all in it, many files at once.
+
+    Where a disk is mounted with `discard`, each deletion waits for it: one after the other, the
+    files of a cluster take minutes.
+    """
+    folders, files = [str(directory)], list[str]()
+    for folder in folders:  # grows meanwhile
+        with os.scandir(folder) as found:
+            for one in found:
+                (folders if one.is_dir(follow_symlinks=False) else files).append(one.path)
+    _call_for_all(os.unlink, files)
+    for _, level in groupby(reversed(folders), key=lambda folder: folder.count("/")):
+        _call_for_all(os.rmdir, list(level))
+
+
+def _call_for_all(call: Callable[[str], None], paths: Sequence[str]) -> None:
+    def call_some(first: int) -> None:
+        for path in paths[first::WIDTH]:
+            call(path)
+
+    with ThreadPoolExecutor(WIDTH) as pool:
+        list(pool.map(call_some, range(min(WIDTH, len(paths)))))

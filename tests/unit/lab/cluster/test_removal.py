@@ -55,6 +55,22 @@ def test_a_mount_is_not_crossed(cluster: State, monkeypatch: pytest.MonkeyPatch)
     assert not cluster.directory.exists()
 
 
+def test_links_are_deleted_and_not_what_they_point_to(tmp_path: Path) -> None:
+    """Files of all depths go; a link out of the directory goes alone."""
+    outside = tmp_path / "outside"
+    (outside / "data").mkdir(parents=True)
+    inside = tmp_path / "inside"
+    for depth in ("a", "a/b", "a/b/c", "d"):
+        (inside / depth).mkdir(parents=True, exist_ok=True)
+        for number in range(40):
+            (inside / depth / f"f{number}").write_text("x")
+    (inside / "a" / "to-directory").symlink_to(outside)
+    (inside / "to-nothing").symlink_to("nowhere")
+    removal.delete(inside)
+    assert not inside.exists()
+    assert (outside / "data").is_dir()
+
+
 @pytest.mark.parametrize("same_boot", [True, False])
 def test_process_numbers_of_another_boot_are_strangers(cluster: State, same_boot: Any) -> None:
     """After a reboot they belong to somebody else, who may have started at the same tick."""

@@ -12,16 +12,21 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import attrs
 
 RESULTS = Path(".test-results")
+#: A file system in memory, and the bytes that it must have free for the files of unit tests.
+MEMORY, ENOUGH = Path("/dev/shm"), 4 * 2**30
 #: pytest's exit code of a run in which some tests failed.
 FAILED = 1
 
@@ -37,6 +42,8 @@ class Phase:
         processes: how many share the tests; 0: this one alone.
         words: further arguments.
         repeats: whether tests that fail are repeated alone, after all phases.
+        in_memory: whether their temporary files are, where there is room: to write and delete
+            thousands of small files takes a third of the time on some disks.
     """
 
     name: str
@@ -45,6 +52,7 @@ class Phase:
     processes: int
     words: tuple[str, ...] = ()
     repeats: bool = True
+    in_memory: bool = False
 
     @property
     def report(self) -> Path:
@@ -62,7 +70,9 @@ class Phase:
         command = [sys.executable, "-m", "pytest", "-m", self.marks, "-n", str(self.processes)]
         command += ["-o", f"cache_dir={self.cache}", f"--junitxml={self.report}"]
         command += ["--durations=25", "--durations-min=5"]
-        return subprocess.run([*command, *self.words, *words], check=False).returncode
+        with temporary_files(in_memory=self.in_memory) as environ:
+            done = subprocess.run([*command, *self.words, *words], check=False, env=environ)
+        return done.returncode
 
     def failed(self) -> list[str]:
         """Return the ids of the tests that failed, in the order in which they ran."""
@@ -70,7 +80,14 @@ class Phase:
         return list(json.loads(file.read_text())) if file.exists() else []
 
 
-UNIT = Phase("unit", "Unit tests", "not cluster and not slow and not timing", 2, repeats=False)
+UNIT = Phase(
+    "unit",
+    "Unit tests",
+    "not cluster and not slow and not timing",
+    2,
+    repeats=False,
+    in_memory=True,
+)
 PROOF = Phase("proof", "The proof: each promise once, on a real cluster", "proof", 3)
 CLUSTER = Phase("cluster", "Tests on a real cluster", "cluster and not slow and not timing", 3)
 SLOW = Phase("slow", "What is slow by nature", "slow and not timing", 2, ("--all",))
@@ -82,6 +99,24 @@ TIERS: dict[str, tuple[Phase, ...]] = {
     "--all": (UNIT, CLUSTER, SLOW, TIMING),
     "--slow": (SLOW, TIMING),
 }
+
+
+@contextmanager
+def temporary_files(*, in_memory: bool) -> Iterator[dict[str, str]]:
+    """Yield an environment, and delete the temporary files that were in memory."""
+    if not in_memory or not MEMORY.is_mount() or shutil.disk_usage(MEMORY).free < ENOUGH:
+        yield dict(os.environ)
+        return
+    directory = make_directory()
+    try:
+        yield {**os.environ, "TMPDIR": directory}
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+def make_directory() -> str:
+    """Make a directory in memory."""
+    return tempfile.mkdtemp(dir=MEMORY, prefix="rigel-k8s-")
 
 
 @attrs.define

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -106,6 +107,20 @@ def test_a_story_is_repeated_from_its_beginning(
     tests = {"a": count.format(name="a"), "b": once, "c": count.format(name="c")}
     assert run(tmp_path, monkeypatch, tests, more=", pytest.mark.story") == 0
     assert [tmp_path.joinpath(name).read_text() for name in "ac"] == ["xx", "x"]
+
+
+@pytest.mark.parametrize("room", [0, 1])
+def test_temporary_files_are_in_memory_where_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    """And nothing of them stays there."""
+    monkeypatch.setattr(tiers, "MEMORY", Path("/"))
+    monkeypatch.setattr(tiers, "ENOUGH", 2**80 * (1 - room))
+    monkeypatch.setattr(tiers, "make_directory", lambda: tempfile.mkdtemp(dir=tmp_path))
+    with tiers.temporary_files(in_memory=True) as environ:
+        Path(environ.get("TMPDIR", tmp_path), "some").touch()
+        assert len(list(tmp_path.glob("*/some"))) == room
+    assert not list(tmp_path.glob("*/some"))
 
 
 def test_the_proof_is_neither_empty_nor_long() -> None:

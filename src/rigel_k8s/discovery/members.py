@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -10,11 +9,12 @@ import attrs
 
 from rigel_inpod import MOUNT_PATH
 from rigel_k8s.network.modes import mode_named
-from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
 from rigel_k8s.objects.facts import is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import denies_ros
 from rigel_k8s.objects.podnodes import shared_pod, split_all
+from rigel_k8s.objects.raw import parse_json
 from rigel_k8s.ros import BY_NAME, ROS_1, Ros
 
 #: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
@@ -89,7 +89,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     """Return a pod as a member, None if it does not take part."""
     meta, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     annotations = meta.get("annotations") or {}
-    note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
+    note: dict[str, Any] = parse_json(annotations.get(NETWORK_ANNOTATION), {})
     container = find_container(spec)
     if "mode" not in note or container is None or not ros_of_note(note).dds:
         return None
@@ -105,7 +105,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         machine=str(spec.get("nodeName") or ""),
         container=str(container["name"]),
         mode=str(note["mode"]),
-        domain=None if note.get("domain") is None else int(note["domain"]),
+        domain=note["domain"] if isinstance(note.get("domain"), int) else None,
         middleware=str(note.get("middleware") or mode.middleware or ""),
         interface=str(interface) if interface else None,
         address=choose_address(note, annotations, interface),
@@ -135,15 +135,6 @@ def ros_of_note(note: Mapping[str, Any]) -> Ros:
     return BY_NAME.get(str(note.get("ros")), ROS_1)
 
 
-def parse_json(text: str | None, otherwise: Any) -> Any:
-    """Return JSON as data, `otherwise` if it is invalid."""
-    try:
-        found = json.loads(text or "")
-    except ValueError:
-        return otherwise
-    return found if isinstance(found, type(otherwise)) else otherwise
-
-
 def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Return the container that has the in-pod scripts."""
     for container in spec.get("containers") or []:
@@ -163,9 +154,9 @@ def choose_address(
 
 def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
     """Yield an interface's IPv4 addresses from Multus' annotation."""
-    for network in parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), []):
-        if interface and network.get("interface") == interface:
-            yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
+    for name, ips in read_status(annotations):
+        if interface and name == interface:
+            yield from (ip for ip in ips if ":" not in ip)
 
 
 def probe_words(container: Mapping[str, Any]) -> Sequence[str]:

@@ -8,13 +8,13 @@ contains the address.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from ipaddress import IPv4Address, IPv4Network, collapse_addresses
 from typing import Any
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects.raw import parse_json
 
 
 class Pool:
@@ -111,8 +111,4 @@ def read_note(item: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the network annotation of a workload's pods, empty if it is missing or invalid."""
     template = (item.get("spec") or {}).get("template") or {}
     annotations = (template.get("metadata") or {}).get("annotations") or {}
-    try:
-        note = json.loads(annotations.get(NETWORK_ANNOTATION, "{}"))
-    except ValueError:
-        return {}
-    return note if isinstance(note, dict) else {}
+    return parse_json(annotations.get(NETWORK_ANNOTATION), {})

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
 
 from rigel_k8s.network.options import Network
+from rigel_k8s.objects.raw import list_mappings, parse_json
 from rigel_k8s.ros import Ros
 
 Object = dict[str, Any]
@@ -110,3 +111,11 @@ def network_note(plan: NetworkPlan, *, shared_memory: bool = False, **more: Any)
     }
     known = {key: value for key, value in given.items() if value is not None}
     return {NETWORK_ANNOTATION: json.dumps(known, sort_keys=True)}
+
+
+def read_status(annotations: Mapping[str, str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each interface that Multus has noted on a pod, with its addresses."""
+    noted: list[Any] = parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), [])
+    for network in list_mappings(noted):
+        ips = network.get("ips")
+        yield str(network.get("interface")), list(map(str, ips if isinstance(ips, list) else ()))

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.raw import parse_json
 from rigel_k8s.objects.refs import Manifest
 
 #: On a Deployment and its pods that have several nodes: the notes of each, by its container.
@@ -33,11 +34,8 @@ def split_all(items: Iterable[Manifest]) -> Iterator[dict[str, Any]]:
 def split(item: Manifest) -> Iterator[dict[str, Any]]:
     """Yield a Deployment or a pod as one of each node in it; any other object as it is."""
     meta = item["metadata"]
-    try:
-        nodes = json.loads((meta.get("annotations") or {}).get(NODES_ANNOTATION, "{}"))
-    except ValueError:
-        nodes = {}
-    if not isinstance(nodes, dict) or not nodes:
+    nodes: dict[str, Any] = parse_json((meta.get("annotations") or {}).get(NODES_ANNOTATION), {})
+    if not nodes or not all(isinstance(notes, dict) for notes in nodes.values()):
         yield dict(item)
         return
     for container, notes in sorted(nodes.items()):

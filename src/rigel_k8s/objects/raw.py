@@ -1,9 +1,21 @@
-"""Reads parts of a Deployment that a user wrote, whatever their shape."""
+"""Reads parts of objects that a user wrote or may have changed, whatever their shape."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def parse_json(text: str | None, otherwise: T) -> T:
+    """Return an annotation's JSON as data; `otherwise` if it is invalid, or of another type."""
+    try:
+        found = json.loads(text or "")
+    except (ValueError, RecursionError):
+        return otherwise
+    return found if isinstance(found, type(otherwise)) else otherwise
 
 
 def mapping(value: Any) -> Mapping[str, Any]:

@@ -100,5 +100,5 @@ def is_alive(lease: dict[str, Any]) -> bool | None:
         return None
     try:
         return read_start(int(words[2])) == words[3]
-    except OSError:
+    except (OSError, ValueError):
         return False

@@ -11,16 +11,16 @@ from rigel_k8s.discovery.members import (
     find_container,
     has_layer,
     name_memory,
-    parse_json,
     ros_of_note,
     runs,
 )
-from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NETWORK_STATUS_ANNOTATION
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
 from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.objects.raw import parse_json
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.drift import describe_halt
 from rigel_k8s.ros import Ros
@@ -102,8 +102,7 @@ def list_addresses(annotations: Mapping[str, str], status: Mapping[str, Any]) ->
     yield from (str(one["ip"]) for one in status.get("podIPs") or [] if one.get("ip"))
     if status.get("podIP"):
         yield str(status["podIP"])
-    for network in parse_json(annotations.get(NETWORK_STATUS_ANNOTATION), []):
-        yield from (str(ip) for ip in network.get("ips") or [])
+    yield from (ip for _, ips in read_status(annotations) for ip in ips)
 
 
 def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
@@ -117,9 +116,8 @@ def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
         notes = item["metadata"].get("annotations") or {}
         inner = item["spec"].get("template", {}).get("metadata", {}).get("annotations") or {}
         name = notes.get(ROS_NAME_ANNOTATION)
-        with_ros = not denies_ros(inner) and (
-            parse_json(inner.get(NETWORK_ANNOTATION), {}).get("ros") != "none"
-        )
+        note: dict[str, Any] = parse_json(inner.get(NETWORK_ANNOTATION), {})
+        with_ros = not denies_ros(inner) and note.get("ros") != "none"
         if name and with_ros and not is_ending(item):
             found[str(name)] = str(item["metadata"]["name"])
     return found

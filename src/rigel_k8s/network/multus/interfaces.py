@@ -11,8 +11,8 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.network.multus.platform import parse_json
 from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION, NETWORKS_ANNOTATION
+from rigel_k8s.objects.raw import list_mappings, parse_json
 
 Pod = Mapping[str, Any]
 
@@ -83,5 +83,5 @@ def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
 
 def list_entries(text: str | None) -> list[Mapping[str, Any]]:
     """Return the mappings in a list as JSON, none if it is invalid."""
-    listed = parse_json(text)
-    return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    listed: list[Any] = parse_json(text, [])
+    return list(list_mappings(listed))

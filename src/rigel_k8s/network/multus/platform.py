@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
@@ -11,6 +10,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.network.options import Install
+from rigel_k8s.objects.raw import parse_json
 
 Node = Mapping[str, Any]
 Kind = Literal["k3s", "microk8s", "kind", "minikube", "plain"]
@@ -144,11 +144,11 @@ def is_within(directory: str, root: str) -> bool:
 def find_data_dir(node: Node) -> str | None:
     """Return the --data-dir that k3s was started with; k3s writes it into an annotation."""
     annotations = node["metadata"].get("annotations") or {}
-    words = parse_json(annotations.get("k3s.io/node-args"))
-    if isinstance(words, list) and (given := read_data_dir([str(word) for word in words])):
+    words: list[Any] = parse_json(annotations.get("k3s.io/node-args"), [])
+    if given := read_data_dir([str(word) for word in words]):
         return given
-    environment = parse_json(annotations.get("k3s.io/node-env"))
-    given = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
+    environment: dict[str, Any] = parse_json(annotations.get("k3s.io/node-env"), {})
+    given = str(environment.get("K3S_DATA_DIR", ""))
     # k3s also uses this variable to pass its processes the directory of its unpacked programs.
     return re.sub(r"/data/[0-9a-f]{32,}/?$", "", given) or None
 
@@ -160,14 +160,6 @@ def read_data_dir(words: Sequence[str]) -> str | None:
         if name in ("--data-dir", "-d"):
             return value or (words[place + 1] if place + 1 < len(words) else None)
     return None
-
-
-def parse_json(text: str | None) -> Any:
-    """Return JSON as data, None if it is invalid."""
-    try:
-        return json.loads(text or "null")
-    except ValueError:
-        return None
 
 
 def labels_of(node: Node) -> Mapping[str, str]:

@@ -8,8 +8,8 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.network.multus.platform import parse_json
 from rigel_k8s.network.preflight.machine import Address, Subnet
+from rigel_k8s.objects.raw import list_mappings, parse_json
 
 API, KIND = "k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"
 #: The kind in which whereabouts records which addresses it has given out.
@@ -74,9 +74,8 @@ def read_attachment(manifest: Mapping[str, Any]) -> Attachment:
     """Return a NetworkAttachmentDefinition's facts; of an invalid one only its name."""
     meta = manifest["metadata"]
     key = f"{meta.get('namespace', '')}/{meta['name']}"
-    config = parse_json((manifest.get("spec") or {}).get("config"))
-    listed = config.get("plugins", [config]) if isinstance(config, dict) else []
-    plugins = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    config: dict[str, Any] = parse_json((manifest.get("spec") or {}).get("config"), {})
+    plugins = list(list_mappings(config.get("plugins", [config] if config else [])))
     if not plugins:
         return Attachment(key)
     main, ipam = plugins[0], plugins[0].get("ipam") or {}

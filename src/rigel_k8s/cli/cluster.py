@@ -96,6 +96,7 @@ def up(
         return
     count = plural(len(found.nodes), "node")
     click.echo(f"Cluster {name} is up: Kubernetes {found.kubernetes}, {count}")
+    click.echo(f"Your kubeconfig's current context is {found.context} now")
     show(found)
 
 

@@ -21,7 +21,7 @@ def explain(kind: str | None) -> None:
             if one.group != group:
                 click.echo(f"{'' if not group else chr(10)}{one.group}")
                 group = one.group
-            click.echo(f"  {one.kind}")
+            click.echo(f"  {one.kind}: {one.cause}")
         return
     for number, one in enumerate(explaining.explain(kind)):
         if number:

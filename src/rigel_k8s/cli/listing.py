@@ -35,7 +35,8 @@ def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # 
     elif found:
         click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=all_namespaces))
     elif not is_quiet(ctx):
-        where = "the cluster" if namespace is None else f"the namespace {namespace}"
+        rest = "; `rigel list -A` lists those of all namespaces"
+        where = "the cluster" if namespace is None else f"the namespace {namespace}{rest}"
         click.echo(f"no releases in {where}", err=True)
 
 

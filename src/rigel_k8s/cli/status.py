@@ -125,7 +125,8 @@ def headline(found: ReleaseStatus) -> str:
     if not found.revision:
         return f"{where}: no revision"
     suffix = "" if found.revision_status == "good" else f" ({found.revision_status})"
-    old = f"; revision {found.good or 'before'} still runs" if found.keeps_old else ""
+    keeps = found.keeps_old and found.good != found.revision
+    old = f"; revision {found.good or 'before'} still runs" if keeps else ""
     return f"{where}, revision {found.revision}{suffix}{old}"
 
 

@@ -159,7 +159,12 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
         raise UserError("--topics shows the topics of all nodes", hint="remove the names")
     found = release(settings, job)
     with found.cluster:
-        rows = topics_of(ask_prometheus(found, TOPICS))
+        try:
+            rows = topics_of(ask_prometheus(found, TOPICS))
+        except NoStack as error:
+            ways = ("`rigel graph` shows topics and rates without it", error.hint)
+            error.hint = "; ".join(filter(None, ways))
+            raise
     if not rows:
         raise UserError(
             f"Prometheus has no topics of {found.id.name} in {found.id.namespace}",

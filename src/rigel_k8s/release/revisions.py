@@ -23,6 +23,7 @@ from typing import Any, get_args
 import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.answers import read_object
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision, RevisionStatus
@@ -294,7 +295,7 @@ def decode(record: Record) -> Revision:
         if payload["format"] != FORMAT:
             known = f"its format is {payload['format']}, this version reads format {FORMAT}"
             raise unreadable_error(record, known)
-        objects = tuple(payload["objects"])
+        objects = tuple(map(read_object, payload["objects"]))
         named = [attrs.astuple(ref_of(manifest)) for manifest in objects]
         inventory = [[*words] for words in payload["inventory"]]
         options = dict(payload["options"] or {})

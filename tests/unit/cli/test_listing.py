@@ -48,6 +48,18 @@ def test_scripts_get_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert (as_json[0]["release"], as_json[0]["ready"], as_json[0]["workloads"]) == ("arm", 5, 6)
 
 
+def test_nothing_found_leads_to_all_namespaces(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unless all were looked at."""
+    monkeypatch.setattr(
+        status, "releases", lambda *_, everywhere: (None if everywhere else "n", [])
+    )
+    for words, hinted in ((["list"], True), (["list", "-A"], False)):
+        assert main.run(words, "rigel") == 0
+        assert ("rigel list -A" in capsys.readouterr().err) is hinted
+
+
 def test_the_namespace_may_stand_before_or_behind(asked: list[tuple[str | None, bool]]) -> None:
     for words in (["-n", "lab", "list"], ["list", "-n", "lab"], ["list", "-A"]):
         assert main.run(words, "rigel") == 0

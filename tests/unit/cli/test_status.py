@@ -83,6 +83,13 @@ def release(*workloads: WorkloadStatus, revision: int = 3, state: str = "good") 
     return ReleaseStatus(ReleaseId("robots", "app"), revision, state, workloads)
 
 
+def test_a_revision_does_not_still_run_beside_itself() -> None:
+    """Someone has changed an image by hand, and the new pod does not start."""
+    stuck = attrs.evolve(LISTENER, old_runs=True, kinds=("crash",))
+    for good, ending in ((3, "revision 3"), (2, "revision 3; revision 2 still runs")):
+        assert headline(attrs.evolve(release(stuck), good=good)).endswith(ending)
+
+
 def test_status_for_people() -> None:
     """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
     text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rigel_k8s.cli import main
 from rigel_k8s.commands.explain import explain, list_kinds
 from rigel_k8s.errors import UserError
 
@@ -50,3 +51,10 @@ def test_a_word_of_kubectl_is_explained() -> None:
     """What `kubectl get pods` shows is explained although no message of ours has it."""
     (word,) = explain("CrashLoopBackOff")
     assert "rigel logs" in word.remedy
+
+
+def test_all_words_are_listed_with_what_they_mean(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["explain"], "rigel") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "  crash: the container ends again and again" in lines
+    assert sum(line.startswith("  ") for line in lines) == len(list_kinds())

@@ -20,7 +20,7 @@ from rigel_k8s.commands.top import (
     read_summary,
     topics_of,
 )
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import ObjectRef
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
@@ -189,3 +189,15 @@ def test_small_and_large_numbers_stay_short() -> None:
     """Three digits say enough."""
     assert [rate(value) for value in (0, 0.0333, 9.83, 120.4)] == ["0", "0.033", "9.8", "120"]
     assert [size_of(v) for v in (12, 2048, 3 << 20, 5 << 30)] == ["12B", "2.0Ki", "3.0Mi", "5.0Gi"]
+
+
+def test_without_a_stack_another_command_shows_topics(
+    fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once; the stack is named as well."""
+    deploy(desired(workload()), fake, report=report)
+    monkeypatch.setattr(top, "release", lambda *_: Release(fake, RELEASE))  # type: ignore[arg-type]
+    with pytest.raises(UserError) as caught:
+        top.topics(Settings(), ())
+    assert "`rigel graph` shows topics and rates" in str(caught.value.hint)
+    assert "observability" in str(caught.value.hint)

@@ -46,6 +46,14 @@ BROKEN: dict[str, str] = {
     "null objects": content({**WHOLE, "objects": None}),
     "no kind": content({**WHOLE, "objects": [{"apiVersion": "v1", "metadata": {"name": "x"}}]}),
     "text as metadata": content({**WHOLE, "objects": [{"kind": "A", "metadata": "x"}]}),
+    "list of annotations": content(
+        {
+            **WHOLE,
+            "objects": [
+                {"apiVersion": "v1", "kind": "A", "metadata": {"name": "x", "annotations": [1]}}
+            ],
+        }
+    ),
     "inventory": content({**WHOLE, "inventory": [["v1", "Pod"]]}),
     "inventory of numbers": content({**WHOLE, "inventory": [[1, 2, 3, 4, 5]]}),
     "options": content({**WHOLE, "options": [1]}),

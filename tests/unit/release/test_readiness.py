@@ -99,6 +99,13 @@ def test_readiness(
     assert (found.done, found.ok) == (bool(done), bool(ok))
 
 
+@pytest.mark.parametrize(("there", "words"), [(0, "0 of 2 pods exist"), (2, "0 of 2 pods are new")])
+def test_pods_are_new_only_beside_old_ones(there: int, words: str) -> None:
+    """A first deploy has none."""
+    status = {**SEEN, "replicas": there, "updatedReplicas": 0}
+    assert readiness(live("Deployment", status, {"replicas": 2})).message == words
+
+
 def test_what_is_being_deleted_is_not_ready() -> None:
     """Whatever its status still says."""
     assert not readiness(live("Deployment", FULL, deletionTimestamp="now")).done

@@ -121,7 +121,9 @@ def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
     updated = int(status.get("updatedReplicas", 0))
     ready = min(int(status.get("availableReplicas", 0)), wanted)
     if updated < wanted:
-        return going(f"{updated} of {wanted} pods are new", 0, wanted)
+        has_old = int(status.get("replicas", 0)) > updated
+        what = "pods are new" if has_old else "pods exist"
+        return going(f"{updated} of {wanted} {what}", 0, wanted)
     if old := max(int(status.get("replicas", 0)) - updated, 0):  # those that end do not count
         message = count_new(max(ready - old, 0), wanted)
         if ready:

@@ -193,6 +193,16 @@ def test_a_rollback_needs_somewhere_to_go(fake: Any, report: Any) -> None:
     assert rollback(fake, RELEASE, report=report).options == {"x": 1}
 
 
+def test_a_rollback_to_what_runs_says_that_nothing_changes(fake: Any, report: Any) -> None:
+    """The same command twice; the first one says nothing of the kind."""
+    for value in "12":
+        deploy(Desired(RELEASE, (config(k=value),)), fake, report=report)
+    words = "nothing to change: revision 3 is as revision 1 was"
+    for said in (False, True):
+        assert rollback(fake, RELEASE, 1, report=report).number == 3
+        assert (words in report.lines) is said
+
+
 def test_a_rollback_goes_to_the_last_good_one(fake: Any, report: Any) -> None:
     """Not to the first, nor to one that failed."""
     for number in (1, 2, 3):

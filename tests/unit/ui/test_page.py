@@ -891,4 +891,10 @@ def test_a_rollback_is_confirmed(browser: Browser) -> None:
         tab.wait("document.querySelector('#change-text').textContent.startsWith('Rolled')", "it")
         assert rolled == [1]
         assert "Rolled back: revision 3: rollback to revision 1" in tab.text()
+        later = show(browser, served)
+        later.wait("document.querySelector('#history button')", "the history")
+        assert "Rolled back" not in later.text(), "it greets no one who comes later"
+        later.close()
+        click(tab, "#change-close")
+        assert "Rolled back" not in tab.text()
         tab.close()

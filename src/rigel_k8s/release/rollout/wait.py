@@ -66,6 +66,9 @@ def wait_settled(run: Run, seen: Look, last: Revision) -> Revision:
     run.part.hooks.stored()
     live = [step.live for step in seen.plan.steps if step.action == "keep" and step.live]
     wait(run, live, find_good(seen.survey.history), lambda: None)
+    if run.part.back_to not in (None, last.number):
+        text = f"nothing to change: revision {last.number} is as revision {run.part.back_to} was"
+        run.report.line(text)
     return last
 
 

@@ -5,6 +5,7 @@ import { STATES, drawIcon, wordsOf } from "./states.js";
 import { get, group, has } from "./store.js";
 
 let before = new Map();
+let seen = null; // how a rollback ended that is not shown: the reader has closed it, or it was done before
 
 /** Show what has changed. */
 export function showSummary() {
@@ -76,8 +77,10 @@ function showRollout(release) {
 
 function showChange(change) {
   const part = byId("change");
-  part.hidden = !change.state;
+  if (has("cluster")) seen ??= change.state === "done" ? change.message : "";
+  part.hidden = !change.state || (change.state !== "running" && change.message === seen);
   if (part.hidden) return;
+  byId("change-close").hidden = change.state === "running";
   const words = { running: `Rolling back to revision ${change.to} …`, done: `Rolled back: ${change.message}`, failed: `The rollback failed: ${change.message}` };
   part.className = change.state;
   setText(byId("change-text"), words[change.state]);
@@ -100,3 +103,8 @@ function announce() {
   if (news.length > 4) setText(byId("announcer"), `${news.length} nodes have changed`);
   else if (news.length) setText(byId("announcer"), news.join(". "));
 }
+
+byId("change-close").addEventListener("click", () => {
+  seen = get("change").message;
+  showChange(get("change"));
+});

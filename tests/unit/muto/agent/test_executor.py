@@ -188,7 +188,7 @@ def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
     controllers.kubelet = running
     agent.run()
     agent.until("org:a", "active")
-    assert [r.status for r in history(agent.fake, RELEASE)] == ["failed", "good"]  # type: ignore[arg-type]
+    assert [r.status for r in history(agent.fake, RELEASE)] == ["interrupted", "good"]  # type: ignore[arg-type]
 
 
 def test_what_is_no_longer_ready_is_no_longer_active(agent: Agent) -> None:

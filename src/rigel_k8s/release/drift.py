@@ -96,7 +96,7 @@ def describe_halt(live: Manifest) -> str:
     if not ours or live["kind"] not in ("Deployment", "StatefulSet"):
         return ""
     if live["spec"].get("replicas") == 0 and "f:replicas" not in ours:
-        return "is stopped: someone has scaled it to 0 pods"
+        return "someone has scaled it to 0 pods"
     if live["spec"].get("paused") and "f:paused" not in ours:
         return "someone has paused its roll-outs"
     return ""

@@ -106,6 +106,8 @@ def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) 
     """
     if state == READY or (state == STOPPED and workload.done):
         return []
+    if workload.halted and state in (STOPPED, UNREADY):
+        return [workload.message]
     if workload.done:  # it has crashed, and runs again
         return ["it runs again", *(explain_end(pods) or ["it was restarted"])]
     shown = [pod for pod in workload.pods if pod.phase != "Terminating" or pod.kind == AWAY]

@@ -140,7 +140,7 @@ def test_notes_and_restarts_are_no_drift(fake: FakeCluster, report: Any) -> None
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"replicas": 0}, "is stopped: someone has scaled it to 0 pods"),
+        ({"replicas": 0}, "someone has scaled it to 0 pods"),
         ({"paused": True}, "someone has paused its roll-outs"),
     ],
 )

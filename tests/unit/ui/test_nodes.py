@@ -100,7 +100,8 @@ def test_what_someone_has_stopped_is_not_well(
     ]
     workload = describe_workload(live, look_around([], []))
     found = node_entry(workload, [])
-    assert (found["state"], words in found["cause"]) == (state, True)
+    assert (found["state"], found["brief"]) == (state, found["cause"])
+    assert found["brief"].startswith(words)
     whole = ReleaseStatus(ReleaseId("n", "demo"), 1, "good", (workload,))
     shown = release_entry(whole, {"talker": found}, changing="")
     assert (shown["ready"], shown["well"]) == (0, False)

@@ -43,6 +43,17 @@ def deployment(namespace: str, image: str = "nowhere.invalid/a:1", **spec: Any) 
     }
 
 
+def job(namespace: str, image: str = "nowhere.invalid/a:1") -> dict[str, Any]:
+    """Return a Job without pods."""
+    pod = {"containers": [{"name": "one", "image": image}], "restartPolicy": "Never"}
+    return {
+        "apiVersion": "batch/v1",
+        "kind": "Job",
+        "metadata": {"name": "j", "namespace": namespace},
+        "spec": {"suspend": True, "template": {"metadata": {}, "spec": pod}},
+    }
+
+
 def version(live: dict[str, Any]) -> str:
     return str(live["metadata"]["resourceVersion"])
 
@@ -311,6 +322,15 @@ class ClusterContract:
         other.apply({**deployment(namespace), "spec": {**deployment(namespace)["spec"]}})
 
     # What is refused.
+
+    def test_the_pods_of_a_job_never_change(self, cluster: Any, namespace: str) -> None:
+        """What stays the same may be applied again; a suspended Job makes no pod."""
+        made = cluster.apply(job(namespace))
+        assert version(cluster.apply(job(namespace))) == version(made)
+        with pytest.raises(Refusal, match="field is immutable") as caught:
+            cluster.apply(job(namespace, image="nowhere.invalid/a:2"), dry_run=True)
+        assert caught.value.status == 422
+        assert all("field is immutable" in one.message for one in caught.value.causes)
 
     def test_a_selector_never_changes(self, cluster: Any, namespace: str) -> None:
         cluster.apply(deployment(namespace, replicas=0))

@@ -59,6 +59,18 @@ def crash_status(pod: Live) -> Live:
     }
 
 
+def ended(pod: Live, code: int = 0, words: str = "") -> Live:
+    """Return the status of a pod whose containers have ended, and are not started again."""
+    how = {"exitCode": code, "reason": "Error" if code else "Completed", "message": words}
+    return {
+        "phase": "Failed" if code else "Succeeded",
+        "conditions": [{"type": "Ready", "status": "False"}],
+        "containerStatuses": [
+            {**state(name, ready=False), "state": {"terminated": how}} for name in containers(pod)
+        ],
+    }
+
+
 def containers(pod: Live) -> list[str]:
     return [c["name"] for c in pod["spec"].get("containers") or []]
 
@@ -100,6 +112,8 @@ class Controllers:
             self.replica_set(store, replica_set)
         for deployment in of_kind(store, "Deployment"):
             self.deployment(store, deployment)
+        for one in of_kind(store, "Job"):
+            self.job(store, one)
         for live in list(store.objects.values()):
             if made := STATUSES.get(live["kind"]):
                 self.status(store, live, made(live))
@@ -171,6 +185,34 @@ class Controllers:
                 None,
                 {**pod, "spec": clone(template.get("spec") or {"containers": []})},
             )
+
+    def job(self, store: Store, job: Live) -> None:
+        """Make the pod of a Job, once, and note how it has ended."""
+        meta, spec = job["metadata"], job["spec"]
+        if not lives(job) or spec.get("suspend") or (job.get("status") or {}).get("conditions"):
+            return
+        pods = find_owned(store, "Pod", job)
+        if not pods:
+            about = clone(spec["template"].get("metadata") or {})
+            labels = {**(about.get("labels") or {}), **spec["selector"]["matchLabels"]}
+            notes = {**(about.get("annotations") or {}), MADE_FOR: meta["name"]}
+            store.version += 1
+            name = f"{meta['name']}-{store.version}"
+            own = {"name": name, "namespace": meta["namespace"], "labels": labels}
+            own |= {"annotations": notes, "ownerReferences": [owner(job)]}
+            pod = {"apiVersion": "v1", "kind": "Pod", "metadata": own}
+            pod["spec"] = clone(spec["template"]["spec"])
+            store.commit(ref_of(pod), None, pod)
+            return
+        phase = (pods[0].get("status") or {}).get("phase")
+        status: Live = {"active": 1}
+        if phase == "Succeeded":
+            status = {"succeeded": 1, "conditions": [{"type": "Complete", "status": "True"}]}
+        elif phase == "Failed":
+            text = "Job has reached the specified backoff limit"
+            failed = {"type": "Failed", "status": "True", "message": text}
+            status = {"failed": 1, "conditions": [failed]}
+        self.status(store, store.objects[ref_of(job)], status)
 
     def deployment(self, store: Store, live: Live) -> None:
         """Roll a Deployment out: all at once, or after the end of the pods before."""
@@ -294,7 +336,6 @@ def stateful_set(live: Live) -> Live:
 STATUSES: Mapping[str, Callable[[Live], Live]] = {
     "DaemonSet": daemon_set,
     "StatefulSet": stateful_set,
-    "Job": lambda live: {"succeeded": 1, "conditions": [{"type": "Complete", "status": "True"}]},
     "PersistentVolumeClaim": lambda live: {"phase": "Bound"},
     "PersistentVolume": lambda live: {"phase": "Available"},
     "CustomResourceDefinition": lambda live: {

@@ -553,6 +553,9 @@ def merge_patched(value: Any, patch: Any) -> Any:
 
 def fill_defaults(live: Live) -> Live:
     """Fill in what Kubernetes fills in, as far as somebody has tripped over it."""
+    if live["kind"] == "Job":  # each has a label of its own
+        own = live["metadata"].setdefault("uid", str(uuid.uuid4()))
+        live["spec"].setdefault("selector", {"matchLabels": {"controller-uid": own}})
     if live["kind"] == "Deployment":
         spec = live["spec"]
         spec.setdefault("replicas", 1)
@@ -566,18 +569,22 @@ def fill_defaults(live: Live) -> Live:
 
 def check(what: str, ref: ObjectRef, old: Live | None, new: Live) -> None:
     """Raise where Kubernetes' own validation refuses."""
-    if ref.kind != "Deployment":
+    if ref.kind not in ("Deployment", "Job"):
         return
     spec, causes = new["spec"], []
-    if spec["strategy"]["type"] == "Recreate" and spec["strategy"].get("rollingUpdate"):
+    if ref.kind == "Job":
+        if old is not None and old["spec"]["template"] != spec["template"]:
+            text = f"Invalid value: {json.dumps(spec['template'])}: field is immutable"
+            causes.append(cause("FieldValueInvalid", text, "spec.template"))
+    elif spec["strategy"]["type"] == "Recreate" and spec["strategy"].get("rollingUpdate"):
         text = "Forbidden: may not be specified when strategy `type` is 'Recreate'"
         causes.append(cause("FieldValueForbidden", text, "spec.strategy.rollingUpdate"))
-    if old is not None and old["spec"]["selector"] != spec["selector"]:
+    if old is not None and old["spec"].get("selector") != spec.get("selector"):
         text = f"Invalid value: {json.dumps(spec['selector'])}: field is immutable"
         causes.append(cause("FieldValueInvalid", text, "spec.selector"))
     if causes:
         told = ", ".join(f"{c['field']}: {c['message']}" for c in causes)
-        text = f'Deployment.apps "{ref.name}" is invalid: {told}'
+        text = f'{ref.kind} "{ref.name}" is invalid: {told}'
         raise make_refusal(what, 422, "Invalid", text, causes)
 
 

@@ -35,7 +35,8 @@ ADVICE: Mapping[str, str] = {
     "labels": "set `labels` of the node",
     "pid": "set hostPID: true in `patch`, if the program needs the machine's processes",
     "profiles": "the node is always started; delete it if it is not needed",
-    "restart": "Kubernetes starts a program again that has ended",
+    "restart": "Kubernetes starts a program again that has ended; one that runs once is a"
+    " `kind: task`",
     "security_opt": "set seccompProfile or appArmorProfile in `security_context`",
     "stop_grace_period": "set `termination_grace_period`",
     "tmpfs": "add {memory: SIZE, mount_path: PATH} to `volumes`",

@@ -41,7 +41,10 @@ def read(file: Path, directory: Path) -> Draft:
     kept = [one for one in services if one.ros in (None, ros) and not one.is_master]
     options = share_ros([one for one in kept if one.ros], ros)
     jobs: dict[str, dict[str, Any]] = {}
+    tasks = list_awaited(services)
     for service in kept:
+        if service.name in tasks:
+            service.options["kind"] = "task"
         translate(service, options.get("network", {}))
         add_build(service, jobs)
     options |= list_volumes(kept)
@@ -60,6 +63,16 @@ def read(file: Path, directory: Path) -> Draft:
         jobs=jobs,
         remarks=combine(remarks),
     )
+
+
+def list_awaited(services: Sequence[Service]) -> set[str]:
+    """Return the services whose success others wait for, so they run once."""
+    return {
+        name
+        for one in services
+        for name, how in one.content.get("depends_on").entries().items()
+        if how.get("condition").text == "service_completed_successfully"
+    }
 
 
 def choose_distro(services: Sequence[Service]) -> str:

@@ -1,4 +1,4 @@
-"""Each of `nodes`: a Deployment of its own or of its `pod`, and a Service if it has ports."""
+"""Each of `nodes`: a Deployment or a Job, perhaps that of its `pod`; a Service if it has ports."""
 
 from __future__ import annotations
 
@@ -65,6 +65,7 @@ from rigel_k8s.objects.workloads import (
     pull_policy,
     readiness_of,
     ros_volumes,
+    run_once,
     service,
 )
 
@@ -116,8 +117,13 @@ class RosNode:
 
     @property
     def ros_name(self) -> str | None:
-        """The full ROS name, None if it is generated at the start or there is no ROS."""
+        """The full ROS name, None if it is generated at the start or there is no ROS.
+
+        What ends may be a tool that names its node itself; a promised name would be missing.
+        """
         if self.is_application or self.options.anonymous or not self.ros.nodes:
+            return None
+        if self.options.kind and not self.sets_name:
             return None
         return full_name(self.key, self.options)
 
@@ -203,7 +209,7 @@ def pod_objects(
             texts, others = split_contents(mounted)
             name = files_config(part.node)
             yield config_map(release, name, texts, part_of=first.workload, binary=others)
-    yield node_deployment(parts)
+    yield node_workload(parts)
     if ports := [part.port for part in parts if part.layered]:
         yield pods_service(release, first.workload, ports)
     for node in nodes:
@@ -250,8 +256,8 @@ def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 
-def node_deployment(parts: Sequence[NodePart]) -> Object:
-    """Return the Deployment of a pod's nodes with the user's patch merged in."""
+def node_workload(parts: Sequence[NodePart]) -> Object:
+    """Return the Deployment or the Job of a pod's nodes with the user's patch merged in."""
     first = parts[0]
     node, options = first.node, first.node.options
     names = [part.node.ros_name for part in parts if part.node.ros_name]
@@ -269,7 +275,7 @@ def node_deployment(parts: Sequence[NodePart]) -> Object:
         | ({TEST_ANNOTATION: "true"} if options.kind == "test" else {})
         | ({SINGLETON_ANNOTATION: " ".join(names)} if names else {})
         | foxglove.note_image(options.package, first.release.distro)
-        | first.way.annotations(first.release),
+        | ({} if options.kind else first.way.annotations(first.release)),
         pod_annotations={
             **notes,
             **parameters_hash(parts),
@@ -278,6 +284,8 @@ def node_deployment(parts: Sequence[NodePart]) -> Object:
         },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
+    if options.kind:
+        made = run_once(made, suspend=options.kind == "test")
     merged: Object = merge(made, options.patch) if options.patch else made
     return merged
 
@@ -311,6 +319,8 @@ def way_of(
 ) -> Way:
     """Return how a node's pod is updated, with what the node needs for it."""
     options = node.options
+    if options.kind:
+        return Way("Recreate")
     way = GENERATIONS[release.ros.name].choose_way(
         release,
         node.name,
@@ -387,6 +397,7 @@ def container(pod: NodePart, volume_mounts: Sequence[Object]) -> Object:
     )
     variables = {**list_variables(node.key, options), **list_rates(options)}
     own = {**pod.wired.env, **pod.way.env, **variables}
+    readiness = "none" if options.kind else readiness_of(pod.release, options.readiness)
     return drop_empty(
         {
             "name": node.container,
@@ -398,7 +409,7 @@ def container(pod: NodePart, volume_mounts: Sequence[Object]) -> Object:
             "ports": [port_entry(port, service=False) for port in options.ports],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),
-            **probes(readiness_of(pod.release, options.readiness), list_probe_words(pod)),
+            **probes(readiness, list_probe_words(pod)),
             "livenessProbe": liveness(pod),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),

@@ -187,12 +187,16 @@ class Liveness:
 
 @attrs.frozen(kw_only=True)
 class NodeOptions:
-    """One ROS node: a Deployment of one container, called ros-node; or a container of a `pod`."""
+    """One ROS node: a Deployment of one container, called ros-node; or a container of a `pod`.
+
+    A `kind` makes it a Job.
+    """
 
     name: RosName | None = option("its ROS name, if it differs from the key")
     namespace: RosName | None = option("its ROS namespace")
-    kind: Literal["test"] | None = option(
-        "test: a program that ends, and has passed with exit code 0; only `rigel test` runs it"
+    kind: Literal["task", "test"] | None = option(
+        "what runs once, and succeeds with exit code 0. task: a deploy runs it, and waits for its"
+        " end; test: only `rigel test` runs it"
     )
     ros: Literal["none"] | None = option(
         "none: a program without ROS beside ROS nodes; it gets no name, argument or variable of"
@@ -268,7 +272,7 @@ class NodeOptions:
         " (default: the job's)"
     )
     patch: Mapping[str, Any] = option(
-        "any part of the Deployment, merged into the generated one", {}
+        "any part of the Deployment or Job, merged into the generated one", {}
     )
 
 

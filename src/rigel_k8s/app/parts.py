@@ -173,7 +173,8 @@ class Parts:
         domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
         near = [node for node in nodes if domains[node.key] == domain]
         named = {node.ros_name: node for node in near if node.ros_name}
-        ours = {name: node.name for name, node in named.items() if node.sets_name}
+        lasting = {name for name, one in named.items() if one.sets_name and not one.options.kind}
+        ours = {name: named[name].name for name in lasting}
         rest = {name: node.name for name, node in named.items() if name not in ours}
         loading = self.ros.components
         if loading is not None and loading.are_nodes:

@@ -74,8 +74,8 @@ def security_of(value: Security | Level | None) -> Security | None:
 
 
 def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
-    """Return a Deployment whose pods pass the level "restricted"; other objects unchanged."""
-    if item["kind"] != "Deployment":
+    """Return a workload whose pods pass the level "restricted"; other objects unchanged."""
+    if item["kind"] not in ("Deployment", "Job"):
         return dict(item)
     made: Object = simplify(item)
     template = made["spec"]["template"]

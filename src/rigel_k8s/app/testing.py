@@ -1,7 +1,8 @@
-"""Nodes of `kind: test`: programs that end, which only `rigel test` runs; pure.
+"""Nodes with a `kind`, which run once: tasks, and tests, which only `rigel test` runs; pure.
 
-A deploy leaves them out. For `rigel test` such a node is a Deployment without pods, so all that a
-node has is made as for the others: names, network, parameters, files. Its one pod is made of that.
+Each is a Job, whose pod has all that the pod of another node has: names, network, parameters,
+files. A deploy leaves tests out. For `rigel test` such a Job is suspended, and the pod of the test
+is made of it.
 """
 
 from __future__ import annotations
@@ -18,63 +19,50 @@ from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.volumes import device_of, mount_of
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of
-from rigel_k8s.objects.podoptions import RollingUpdate
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.scalars import Replicas
 from rigel_k8s.problems import Path, Problem
 
-#: On the Deployment of a test: "true".
+#: On the Job of a test: "true".
 TEST_ANNOTATION = "rigel-k8s/test"
 #: Where a test writes what is fetched when it has ended.
 RESULTS = "/results"
 #: The container beside the test's, in which these files are read.
 READER = "results"
-PROBES = ("startupProbe", "readinessProbe", "livenessProbe")
-#: What describes a node that works on: a test ends.
-OF_NODES = ("anonymous", "lifecycle", "liveness", "pod", "readiness", "replicas", "update")
+#: What describes a node that works on, and has no effect on one that ends.
+OF_NODES = (
+    *("anonymous", "components", "lifecycle", "liveness", "pod", "readiness", "replicas"),
+    "update",
+)
 
 
-def check_test(node: NodeOptions) -> list[Problem]:
-    """Return the options of a test that have no effect; paths are the node's own."""
-    if node.kind != "test":
+def check_kind(node: NodeOptions) -> list[Problem]:
+    """Return the options without effect of a node that ends; paths are the node's own."""
+    if node.kind is None:
         return []
-    message = "`{}` is for nodes that work on, and this is a test, which ends: remove it"
+    message = f"`{{}}` is for nodes that work on, and this is a {node.kind}, which ends: remove it"
     found = [key for key in OF_NODES if getattr(node, key)]
-    return [Problem((key,), message.format(key), "test", at_key=True) for key in found]
+    return [Problem((key,), message.format(key), node.kind, at_key=True) for key in found]
 
 
 def choose_nodes(
     options: OrchestrationOptions, raw: Mapping[str, Any], *, tests: bool
 ) -> tuple[OrchestrationOptions, Mapping[str, Any]]:
-    """Return a job's options and its `with` without its tests, or with tests that have no pods."""
+    """Return a job's options and its `with`, without its tests unless these are deployed."""
     found = {key for key, node in options.nodes.items() if node.kind == "test"}
-    if not found:
+    if tests or not found:
         return options, raw
-    if tests:
-        asleep = {
-            key: attrs.evolve(
-                options.nodes[key],
-                readiness="none",
-                replicas=Replicas(0),
-                update=RollingUpdate(strategy="Recreate"),
-            )
-            for key in found
-        }
-        return attrs.evolve(options, nodes={**options.nodes, **asleep}), raw
     plain = flat(raw)
     plain["nodes"] = {key: one for key, one in plain["nodes"].items() if key not in found}
     rest = {key: node for key, node in options.nodes.items() if key not in found}
     return attrs.evolve(options, nodes=rest), plain
 
 
-def make_test_pod(deployment: Manifest) -> Object:
-    """Return the Pod of a test, of its Deployment; it runs once."""
-    meta, template = deployment["metadata"], copy.deepcopy(deployment["spec"]["template"])
+def make_test_pod(job: Manifest) -> Object:
+    """Return the Pod of a test, of its Job."""
+    meta, template = job["metadata"], copy.deepcopy(job["spec"]["template"])
     spec = template["spec"]
     node, *others = spec["containers"]
-    for probe in PROBES:
-        node.pop(probe, None)
     mount = {"name": READER, "mountPath": RESULTS}
     node["volumeMounts"] = [*node.get("volumeMounts", []), mount]
     reader = {
@@ -87,7 +75,6 @@ def make_test_pod(deployment: Manifest) -> Object:
         },
     }
     spec |= {
-        "restartPolicy": "Never",
         "containers": [node, *others, reader],
         "volumes": [*spec.get("volumes", []), {"name": READER, "emptyDir": {}}],
     }

@@ -214,7 +214,7 @@ def restart(
 ) -> None:
     """Replace the pods of ROS nodes by new ones of the same version, and wait for them.
 
-    They are replaced as in an update: a node that hands over does so here, too.
+    They are replaced as in an update: a node that hands over does so here, too. A task runs again.
     """
     from rigel_k8s.commands import releases, targets
 

@@ -141,7 +141,8 @@ def rows_of(
         cells = graph_cells(graph, pod.name, workload.name) if graph is not None else ()
         place = [pod.name, on, *cells]
         rest = [str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
-        yield [*name, f"{int(pod.ready)}/1", *place, *rest]
+        ready = "done" if pod.phase == "Succeeded" else f"{int(pod.ready)}/1"
+        yield [*name, ready, *place, *rest]
     if not workload.pods:
         none = ["-"] * (5 + (len(HEADS) if graph is not None else 0))
         yield [*name, f"{workload.ready}/{workload.desired}", *none]
@@ -183,8 +184,9 @@ def rollback_lines(found: ReleaseStatus) -> Iterator[str]:
 
 
 def find_unready(workload: WorkloadStatus) -> list[PodStatus]:
-    """Return the pods that are not ready and should be; an ending one need not be."""
-    return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
+    """Return the pods that are not ready and should be; one that ends or is done need not be."""
+    over = ("Terminating", "Succeeded")
+    return [pod for pod in workload.pods if not pod.ready and pod.phase not in over]
 
 
 def way_out(found: ReleaseStatus) -> str:

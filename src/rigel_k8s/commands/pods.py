@@ -49,6 +49,7 @@ class Pod:
         restarts: of its first container.
         helper: it is not a node of the application but watches them (the ROS exporter).
         shared: the name of the pod's workload if other nodes are in the pod, too, else "".
+        once: a Job has made it, of a node that runs once.
         ports: the names of its first container's TCP ports, by number.
     """
 
@@ -67,6 +68,7 @@ class Pod:
     restarts: int = 0
     helper: bool = False
     shared: str = ""
+    once: bool = False
     ports: Mapping[int, str] = attrs.field(factory=dict, hash=False)
 
     @property
@@ -75,9 +77,20 @@ class Pod:
         return self.name, self.container
 
     @property
-    def deployment(self) -> ObjectRef:
-        """The Deployment of its node, which may have other nodes, too."""
+    def owner(self) -> ObjectRef:
+        """The Job of its node, or the Deployment, which may have other nodes, too."""
+        if self.once:
+            return ObjectRef("batch/v1", "Job", self.namespace, self.workload)
         return ObjectRef("apps/v1", "Deployment", self.namespace, self.shared or self.workload)
+
+    def find_deployment(self, done: str) -> ObjectRef:
+        """Return the Deployment of its node; UserError if it runs once, and that cannot be done."""
+        if self.once:
+            raise UserError(
+                f"{self.workload} runs once (kind: task), so it cannot be {done}",
+                hint=f"`rigel restart {self.workload}` runs it again",
+            )
+        return self.owner
 
 
 def pod_of(item: dict[str, Any]) -> Pod:
@@ -107,6 +120,7 @@ def pod_of(item: dict[str, Any]) -> Pod:
         restarts=restarts_of(status, container["name"]),
         helper=(meta.get("labels") or {}).get(COMPONENT_LABEL) == OBSERVABILITY,
         shared=shared,
+        once=any(one["kind"] == "Job" for one in meta.get("ownerReferences") or []),
         ports={
             port["containerPort"]: port.get("name", "")
             for port in container.get("ports") or []

@@ -168,13 +168,13 @@ def restart(
     report: Reporter,
     cancel: threading.Event | None = None,
 ) -> None:
-    """Replace the pods of some nodes, as in an update. Otherwise as rollback.
+    """Replace the pods of some nodes, as in an update, or run tasks again. Otherwise as rollback.
 
     Raises:
         UserError: the release has no such node.
     """
     with writing(found.cluster, settings, report, cancel) as options:
-        chosen = {pod.deployment for pod in choose_pods(found, nodes)}
+        chosen = {pod.owner for pod in choose_pods(found, nodes)}
         refs = sorted(chosen, key=lambda ref: ref.name)
         restarts.restart(found.cluster, found.id, refs, options)
 

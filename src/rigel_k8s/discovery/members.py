@@ -10,7 +10,7 @@ import attrs
 from rigel_inpod import MOUNT_PATH
 from rigel_k8s.network.modes import mode_named
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
-from rigel_k8s.objects.facts import is_out_of_reach, is_ready
+from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import denies_ros
 from rigel_k8s.objects.podnodes import shared_pod, split_all
@@ -79,9 +79,9 @@ class Member:
 
 
 def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:
-    """Return the pods that take part, by name; those that are ending do not."""
+    """Return the pods that take part, by name; those that are ending or have ended do not."""
     parts = split_all(pods)
-    found = (member_of(pod) for pod in parts if not pod["metadata"].get("deletionTimestamp"))
+    found = (member_of(pod) for pod in parts if not (is_ending(pod) or has_ended(pod)))
     return sorted((one for one in found if one), key=lambda one: one.pod)
 
 

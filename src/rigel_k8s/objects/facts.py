@@ -40,6 +40,11 @@ def stays_ready(pod: Manifest) -> bool:
     return is_ready(pod) and not is_ending(pod)
 
 
+def has_ended(pod: Manifest) -> bool:
+    """Whether the programs of a pod have ended, and are not started again."""
+    return (pod.get("status") or {}).get("phase") in ("Succeeded", "Failed")
+
+
 def is_out_of_reach(pod: Manifest) -> bool:
     """Whether Kubernetes has lost the machine that a pod was ready on; the pod may still run there.
 
@@ -59,6 +64,8 @@ def is_default_class(storage_class: Manifest) -> bool:
 
 
 def is_empty_claim(claim: Manifest) -> bool:
-    """Whether a claim has no volume yet, and so no data."""
+    """Whether an object is a claim that has no volume yet, and so no data."""
+    if claim["kind"] != "PersistentVolumeClaim":
+        return False
     pending = (claim.get("status") or {}).get("phase") == "Pending"
     return pending and not (claim.get("spec") or {}).get("volumeName")

@@ -94,6 +94,19 @@ def deployment(
     }
 
 
+def run_once(made: Mapping[str, Any], *, suspend: bool) -> Object:
+    """Return the Job that runs the pod of a Deployment once: one that fails is not replaced.
+
+    Args:
+        suspend: it has no pod.
+    """
+    template = made["spec"]["template"]
+    once = {**template, "spec": {**template["spec"], "restartPolicy": "Never"}}
+    asleep = {"suspend": True} if suspend else {}
+    spec = {"backoffLimit": 0, **asleep, "template": once}
+    return {**made, "apiVersion": "batch/v1", "kind": "Job", "spec": spec}
+
+
 def service(
     release: ReleaseContext, name: str, ports: Sequence[Object], workload: str | None = None
 ) -> Object:

@@ -72,7 +72,7 @@ class Applier:
             raise AssertionError("only steps with a manifest write")
         live = step.live
         if step.replaces:
-            self.delete(step)
+            self.end([step])
         if live is not None and (step.replaces or live["metadata"].get("deletionTimestamp")):
             self.wait_until_gone([step.ref])
             live = None
@@ -121,7 +121,7 @@ class Applier:
         self.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
 
     def end(self, steps: Sequence[Step]) -> None:
-        """Delete workloads and wait for the end of their pods."""
+        """Delete objects and wait for the end of their pods."""
         self.run.cluster.parallel(self.delete, steps)
         self.wait_until_no_pods(steps, "ends before its successor starts")
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.facts import is_met
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import PROTECTED, WORKLOADS, rank
@@ -34,7 +35,7 @@ def compare(survey: Survey, *, keep: Collection[ObjectRef] = ()) -> Plan:
 
 
 def step_of(manifest: Manifest, survey: Survey) -> Step:
-    """Return the step for one manifest."""
+    """Return the step for one manifest; a Job that has failed runs again."""
     ref = ref_of(manifest)
     live, result = survey.live.get(ref), survey.results.get(ref)
     if isinstance(result, Refusal):
@@ -45,6 +46,8 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
         unchanged = is_unchanged(manifest, live)
     else:
         unchanged = substance(live) == substance(result)
+    if ref.kind == "Job" and is_met(live.get("status") or {}, "Failed"):
+        return Step("change", ref, manifest, live, result or manifest, replaces=True)
     if unchanged:
         return Step("keep", ref, manifest, live, live)
     replaces = result is not None and not result["metadata"].get("resourceVersion")

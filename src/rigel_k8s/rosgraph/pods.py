@@ -15,7 +15,7 @@ from rigel_k8s.discovery.members import (
     runs,
 )
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
-from rigel_k8s.objects.facts import is_ending, is_ready
+from rigel_k8s.objects.facts import has_ended, is_ending, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split_all
@@ -70,8 +70,9 @@ class GraphPod:
 
 
 def read_pods(items: Iterable[Mapping[str, Any]]) -> tuple[GraphPod, ...]:
-    """Return pods by name, one with several nodes for each; those that are ending are left out."""
-    found = [read_pod(item) for item in split_all(items) if not is_ending(item)]
+    """Return pods by name, one with several nodes for each; those that end are left out."""
+    lasting = (item for item in split_all(items) if not (is_ending(item) or has_ended(item)))
+    found = [read_pod(item) for item in lasting]
     return tuple(sorted(found, key=lambda pod: pod.key))
 
 

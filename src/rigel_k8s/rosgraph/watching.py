@@ -265,13 +265,15 @@ def uses_ros(plan: Plan) -> bool:
 def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
     """Return the names of nodes that a plan removes on purpose.
 
-    These are the nodes of workloads that are deleted or get fewer pods, and nodes whose name
-    changes; but none that the release still expects, for example in another workload.
+    These are the nodes of workloads that are deleted or get fewer pods, or that run once, and nodes
+    whose name changes; but none that the release still expects, for example in another workload.
     """
     workloads: set[str] = set()
     names: set[str] = set()
     kept: set[str] = set()
     for step in plan.steps:
+        if step.ref.kind == "Job":
+            workloads.add(step.ref.name)
         if step.ref.kind not in WORKLOADS:
             continue
         then = step.result if step.result is not None else step.manifest

@@ -14,7 +14,7 @@ from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
 from rigel_k8s.ui.feed import Entries, Feed
-from rigel_k8s.ui.nodes import READY, STOPPED
+from rigel_k8s.ui.nodes import DONE, READY, STOPPED
 from rigel_k8s.ui.rates import add_rates
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
@@ -99,7 +99,8 @@ class GraphReader:
             away = {
                 node["name"]
                 for node in nodes.values()
-                if node["state"] not in (READY, STOPPED) or node["name"] not in present
+                if node["state"] != DONE
+                and (node["state"] not in (READY, STOPPED) or node["name"] not in present)
             }
             topics = keep_lost(topics, make_topics(graph, picture), away)
         self._feed.publish("box", boxes)

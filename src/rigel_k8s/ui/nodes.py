@@ -11,7 +11,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.objects.facts import find_condition, is_ending, is_ready
+from rigel_k8s.objects.facts import find_condition, is_ending, is_ready, stays_ready
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_NAME
@@ -25,7 +25,9 @@ CRASHED, BLOCKED, UNREACHABLE = "crashed", "blocked", "unreachable"
 #: Its update has failed, and the version before still runs.
 OUTDATED = "outdated"
 UNREADY, STARTING, STOPPED, READY = "unready", "starting", "stopped", "ready"
-STATES = (CRASHED, BLOCKED, UNREACHABLE, OUTDATED, UNREADY, STARTING, STOPPED, READY)
+#: It ran once, and has succeeded.
+DONE = "done"
+STATES = (CRASHED, BLOCKED, UNREACHABLE, OUTDATED, UNREADY, STARTING, STOPPED, DONE, READY)
 #: Kinds of causes (release/rollout/causes.py) that mean that a container has ended.
 ENDED = frozenset({"crash", "restarted", "failed", "evicted"})
 
@@ -85,13 +87,17 @@ def find_state(
     if crashed or kinds & ENDED:
         return CRASHED
     if workload.done:
-        return READY if workload.desired else STOPPED
+        if not workload.desired:
+            return STOPPED
+        return DONE if workload.kind == "Job" else READY
     if workload.halted and not kinds:
         return UNREADY if workload.desired else STOPPED
     if AWAY in kinds or any(pod.kind == AWAY and not pod.ready for pod in workload.pods):
         return UNREACHABLE
     if kinds:
         return BLOCKED
+    if workload.kind == "Job" and any(map(stays_ready, pods)):
+        return READY  # until it has ended
     waiting = [pod for pod in pods if not is_ending(pod) and not is_ready(pod)]
     if any(was_ready(pod) for pod in waiting):
         return UNREADY
@@ -104,7 +110,7 @@ def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) 
 
     If not all pods are ready, the first text has their number.
     """
-    if state == READY or (state == STOPPED and workload.done):
+    if state in (READY, DONE) or (state == STOPPED and workload.done):
         return []
     if workload.halted and state in (STOPPED, UNREADY):
         return [workload.message]
@@ -177,5 +183,5 @@ def release_entry(
 
 
 def is_well(node: Mapping[str, Any]) -> bool:
-    """Whether a node is as the release wants it: ready, or stopped by that and by no one else."""
-    return node["state"] == READY or (node["state"] == STOPPED and not node["cause"])
+    """Whether a node is as the release wants it: ready, done, or stopped by that alone."""
+    return node["state"] in (READY, DONE) or (node["state"] == STOPPED and not node["cause"])

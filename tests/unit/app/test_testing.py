@@ -1,6 +1,8 @@
-"""Nodes of `kind: test`: left out by a deploy, and one pod of their Deployment for `rigel test`."""
+"""Nodes that run once: tasks, and tests, which a deploy leaves out."""
 
 from __future__ import annotations
+
+import json
 
 import pytest
 import yaml
@@ -36,22 +38,13 @@ def test_without_a_test_nothing_changes() -> None:
     assert choose_nodes(options(PLAIN), raw, tests=False) == (options(PLAIN), raw)
 
 
-def test_to_be_tested_it_has_no_pod_and_disturbs_none() -> None:
-    made = to_test(options(TEXT))
-    asleep = made.nodes["hears"]
-    assert (asleep.replicas, asleep.readiness) == (0, "none")
-    assert asleep.update is not None
-    assert asleep.update.strategy == "Recreate"
-    assert made.nodes["talker"] == options(PLAIN).nodes["talker"]
-
-
-def test_its_pod_is_that_of_its_deployment_but_ends() -> None:
+def test_its_pod_is_that_of_its_job_with_a_reader() -> None:
     objects = release(TEXT, distro="jazzy", change=to_test)
-    deployment = find(objects, "Deployment", "hears")
-    assert deployment["spec"]["replicas"] == 0
-    assert deployment["metadata"]["annotations"]["rigel-k8s/test"] == "true"
-    template = deployment["spec"]["template"]
-    pod = make_test_pod(deployment)
+    job = find(objects, "Job", "hears")
+    assert job["spec"]["suspend"] is True
+    assert job["metadata"]["annotations"]["rigel-k8s/test"] == "true"
+    template = job["spec"]["template"]
+    pod = make_test_pod(job)
     assert pod["metadata"]["name"] == "hears"
     assert pod["metadata"]["labels"] == template["metadata"]["labels"]
     assert pod["spec"]["restartPolicy"] == "Never"
@@ -63,7 +56,70 @@ def test_its_pod_is_that_of_its_deployment_but_ends() -> None:
     assert reader["image"] == node["image"]
     assert reader["volumeMounts"] == [node["volumeMounts"][-1]]
     assert reader["volumeMounts"][0]["mountPath"] == "/results"
-    assert template["spec"]["containers"] == [own]  # the Deployment is not changed
+    assert template["spec"]["containers"] == [own]  # the Job is not changed
+
+
+@pytest.mark.parametrize(("distro", "network"), [("jazzy", "network: peers, "), ("noetic", "")])
+def test_a_task_is_a_job_with_the_pod_of_a_node(distro: str, network: str) -> None:
+    """The same pod but for probes, hand-over and the end, after which it is not started again."""
+    text = (
+        f"{{image: robot:1, {network}security: restricted, nodes: {{a: {{%s args: [a],"
+        " env: {B: c}, ports: [80]}}}"
+    )
+    made = release(text % "kind: task, ", distro=distro)
+    task, node = find(made, "Job", "a"), find(release(text % "", distro=distro), "Deployment", "a")
+    assert task["apiVersion"] == "batch/v1"
+    assert task["spec"].keys() == {"backoffLimit", "template"}
+    assert task["spec"]["backoffLimit"] == 0
+    template, other = task["spec"]["template"], node["spec"]["template"]
+    assert template["metadata"] == other["metadata"]
+    assert template["spec"].pop("restartPolicy") == "Never"
+    once, lasting = template["spec"].pop("containers"), other["spec"].pop("containers")
+    other["spec"].pop("terminationGracePeriodSeconds", None)  # a hand-over's
+    assert template["spec"] == other["spec"]
+    for key in ("startupProbe", "readinessProbe"):
+        assert lasting[0].pop(key)
+        assert key not in once[0]
+    handed = {one["name"] for one in lasting[0].pop("env")} - {
+        one["name"] for one in once[0].pop("env")
+    }
+    assert once == lasting
+    assert all(name.startswith("RIGEL") or name == "ROS_MASTER_URI" for name in handed)
+    assert (
+        find(made, "Service", "a")["spec"]["selector"].items()
+        <= template["metadata"]["labels"].items()
+    )
+
+
+def test_a_task_may_name_its_node_itself() -> None:
+    """`ros2 bag play` does: no ROS name is promised, and none is advised to be set."""
+    text = "{image: r:1, network: peers, nodes: {bag: {kind: task, args: ros2 bag play /b}}}"
+    assert problems(text, "jazzy") == []
+    notes = find(release(text, distro="jazzy"), "Job", "bag")["metadata"]["annotations"]
+    assert notes == {"rigel-k8s/node": "bag"}
+
+
+def test_a_patch_of_a_task_is_one_of_its_job() -> None:
+    text = "{image: r:1, network: peers, nodes: {a: {kind: task, args: [a], patch: %s}}}"
+    patch = "{spec: {backoffLimit: 2, template: {spec: {hostname: x}}}}"
+    assert problems(text % patch, "jazzy") == []
+    spec = find(release(text % patch, distro="jazzy"), "Job", "a")["spec"]
+    assert (spec["backoffLimit"], spec["template"]["spec"]["hostname"]) == (2, "x")
+    [wrong] = problems(text % "{spec: {backoffLimits: 2}}", "jazzy")
+    assert wrong.message == 'unknown field "backoffLimits", did you mean "backoffLimit"?'
+    [other] = problems(text % "{kind: Deployment}", "jazzy")
+    assert other.message == "kind of a Job is Job: remove it"
+
+
+def test_the_exporter_knows_a_task_and_does_not_expect_it() -> None:
+    text = "{observability: {enabled: true}, image: r:1, network: peers, nodes: {%s}}"
+    both = "talker: {args: [a]}, once: {kind: task, args: [b]}"
+    made = release(text % both, distro="jazzy")
+    data = find(made, "ConfigMap", "rigel-k8s-application-ros-exporter")["data"]
+    config = json.loads(next(iter(data.values())))
+    assert config["expected"] == {"/talker": "talker"}
+    assert config["known"] == {"/once": "once"}
+    assert "once-pods" in str(config)
 
 
 def test_the_exporter_expects_no_test() -> None:

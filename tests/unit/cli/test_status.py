@@ -124,6 +124,16 @@ def test_a_release_that_is_in_order_has_no_reasons() -> None:
     assert click.unstyle(status_text(release(TALKER), NOW)).endswith("2m   r/t:1\n\n1 of 1 ready")
 
 
+def test_a_task_is_done() -> None:
+    """Its pod has ended as it should, and is no reason to look."""
+    (pod,) = TALKER.pods
+    done = attrs.evolve(pod, name="spawn-1", phase="Succeeded", ready=False)
+    task = WorkloadStatus("Job", "spawn", 1, 1, True, "complete", (done,))
+    lines = click.unstyle(status_text(release(TALKER, task), NOW)).splitlines()
+    assert lines[4].split()[:4] == ["spawn", "-", "done", "spawn-1"]
+    assert lines[-2:] == ["", "2 of 2 ready"]
+
+
 def test_nothing_runs() -> None:
     """Said in words."""
     text = status_text(release(revision=0, state=""), NOW)

@@ -271,7 +271,7 @@ def session_with(cluster: Container, folder: Folder, command: Sequence[str] = ()
     pod = pod_of(cluster.list()[0])
     found = Release(cast(Any, cluster), ReleaseId("n", "lab"))
     options = DeployOptions(report=Recorder(), cancel=cluster.ended)
-    return Session(found, pod, pod.deployment, "me", [folder], command, options, print)
+    return Session(found, pod, pod.owner, "me", [folder], command, options, print)
 
 
 def test_a_first_copy_that_fails_ends_the_session(folder: Folder) -> None:

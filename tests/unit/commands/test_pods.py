@@ -53,6 +53,17 @@ def pod(
     }
 
 
+def test_what_runs_once_has_no_deployment() -> None:
+    """It can be restarted, and neither developed nor replaced."""
+    of_job = {"kind": "Job", "name": "lab-arm", "uid": "1", "controller": True}
+    task = pod_of(pod(ownerReferences=[of_job]))
+    assert (task.owner.kind, task.owner.api_version) == ("Job", "batch/v1")
+    with pytest.raises(UserError, match=r"lab-arm runs once .* cannot be developed") as caught:
+        task.find_deployment("developed")
+    assert caught.value.hint == "`rigel restart lab-arm` runs it again"
+    assert pod_of(pod()).find_deployment("developed").kind == "Deployment"
+
+
 def test_all_names_of_a_node() -> None:
     """Its key, its ROS name, its Kubernetes name, its pod."""
     assert pod_of(pod()).aliases == {"lab/arm", "/lab/arm", "lab-arm", "lab-arm-1"}

@@ -68,6 +68,13 @@ def test_no_member(without: dict[str, Any]):
     assert members([without]) == []
 
 
+def test_what_has_ended_takes_no_part():
+    """A node that ran once is not missed."""
+    done = pod()
+    done["status"]["phase"] = "Succeeded"
+    assert members([done]) == []
+
+
 def test_own_ways():
     """A pod without `network` that brings its own discovery is not blamed for its multicast."""
     env = [{"name": "ROS_STATIC_PEERS", "value": "robot"}]

@@ -353,3 +353,20 @@ def test_a_value_of_any_shape_is_read_or_refused(key: str, project: Path) -> Non
         end = "}" if "{" in key else ""
         with contextlib.suppress(UserError):
             convert(f"services:\n  one:\n    image: a:jazzy\n    {key}: {shape}{end}\n")
+
+
+def test_what_others_await_runs_once(project: Path) -> None:
+    """Of the conditions, this one alone says that a program ends."""
+    made = convert(
+        "services:\n"
+        "  spawn: {image: 'ros:jazzy', command: ros2 run arm spawn}\n"
+        "  arm: {image: 'ros:jazzy', command: ros2 run arm arm}\n"
+        "  ui:\n    image: ros:jazzy\n    command: ros2 run ui ui\n    depends_on:\n"
+        "      spawn: {condition: service_completed_successfully}\n"
+        "      arm: {condition: service_started}\n"
+    )
+    assert {key: node.get("kind") for key, node in made.nodes.items()} == {
+        "spawn": "task",
+        "arm": None,
+        "ui": None,
+    }

@@ -47,7 +47,6 @@ def claim(size: str, **spec: Any) -> dict[str, Any]:
             IMMUTABLE,
             "Kubernetes never changes where a volume's data are",
         ),
-        (stored("Job", {}), stored("Job", {}), IMMUTABLE, "Kubernetes never changes a Job's pods"),
         (
             stored("Deployment", {}),
             stored("Deployment", {}),

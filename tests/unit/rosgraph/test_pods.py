@@ -67,8 +67,10 @@ def test_nodes_of_pods_that_are_terminated_are_leaving() -> None:
 
 
 def test_pods_are_read_from_what_kubernetes_says() -> None:
-    """One that is ending is left out: its node leaves the graph."""
-    assert read_pods([pod("b"), pod("a", deletionTimestamp="2026-01-01T00:00:00Z")]) == (
+    """One that is ending, or has run once, is left out: its node leaves the graph."""
+    done = pod("c")
+    done["status"]["phase"] = "Succeeded"
+    assert read_pods([pod("b"), pod("a", deletionTimestamp="2026-01-01T00:00:00Z"), done]) == (
         GraphPod(
             name="b-1",
             namespace="robots",

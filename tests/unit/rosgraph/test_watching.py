@@ -8,7 +8,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
@@ -69,3 +70,11 @@ def test_a_long_report_is_cut() -> None:
     assert watching.limit(lines[:20]) == lines[:20]
     cut = watching.limit(lines)
     assert cut == (*lines[:19], "and 31 more; `rigel graph` shows all")
+
+
+def test_what_runs_once_is_not_missed_afterwards() -> None:
+    """A task that an earlier deploy had given up on may have run before this update."""
+    ref = ObjectRef("batch/v1", "Job", "robots", "spawn")
+    plan = Plan(RELEASE, (Step("keep", ref, {"kind": "Job"}, {"kind": "Job"}),))
+    graph = RosGraph((GraphNode("/spawn", workload="spawn"), GraphNode("/arm", workload="arm")))
+    assert watching.list_removed(plan, graph) == {"/spawn"}

@@ -107,6 +107,29 @@ def test_what_someone_has_stopped_is_not_well(
     assert (shown["ready"], shown["well"]) == (0, False)
 
 
+@pytest.mark.parametrize(
+    ("job", "ready", "state"),
+    [
+        ({"active": 1}, "True", "ready"),
+        ({"active": 1}, "False", "starting"),
+        ({"succeeded": 1, "conditions": [{"type": "Complete", "status": "True"}]}, "False", "done"),
+    ],
+)
+def test_a_task_is_ready_while_it_runs_and_then_done(
+    job: dict[str, Any], ready: str, state: str
+) -> None:
+    made = deployment()
+    made |= {"kind": "Job", "apiVersion": "batch/v1", "spec": {}, "status": job}
+    owned = pod(ready=ready)
+    owned["metadata"] = {**owned["metadata"], "ownerReferences": [{"uid": "d", "controller": True}]}
+    found = entry(made, [owned], rolling=True)
+    assert found["state"] == state
+    release = release_entry(
+        ReleaseStatus(ReleaseId("n", "r"), 1, "good", ()), {"a": found}, changing=""
+    )
+    assert release["well"] == (state != "starting")
+
+
 def test_a_crashed_node_has_its_last_words() -> None:
     """In the words of `rigel status`."""
     ended = {**RUNS, "state": {"waiting": {"reason": "CrashLoopBackOff"}}, "restartCount": 2}

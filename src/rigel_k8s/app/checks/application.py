@@ -97,7 +97,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
             *check_node(str(key), options, ros),
             *check_update(("update",), node.update, ros.of_node(node), anonymous=node.anonymous),
             *check_readiness(("readiness",), node.readiness),
-            *check_patch(("patch",), node.patch),
+            *check_patch(("patch",), node.patch, "Job" if node.kind else "Deployment"),
         ]
         yield from (problem.under(path) for problem in problems)
 

@@ -20,7 +20,7 @@ from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, full_name
-from rigel_k8s.app.testing import check_test
+from rigel_k8s.app.testing import check_kind
 from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.network.options import Network
@@ -67,7 +67,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
         yield Problem((), message, "missing-image", at_key=True, because=(("image",),))
-    yield from check_test(node)
+    yield from check_kind(node)
     yield from check_readiness(node, ros)
     ros = ros.of_node(node)
     yield from check_name(key, node, ros)
@@ -85,7 +85,8 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from check_volumes(node, set(volumes))
     yield from check_files(node)
     yield from check_kubernetes(node, options, ros)
-    yield from check_anonymous(key, node, ros, volumes, options.network)
+    if node.kind is None:
+        yield from check_anonymous(key, node, ros, volumes, options.network)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
     yield from check_placement(key, node, options.nodes)

@@ -1,4 +1,4 @@
-"""What is wrong with raw parts of a Deployment: fields that no patch may change, and their shape.
+"""What is wrong with raw parts of a Deployment or Job: fixed fields, and the shape of others.
 
 Kubernetes checks every field; these are the ones that our own code reads.
 """
@@ -13,7 +13,7 @@ from rigel_k8s.option_text import text_of
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile import find_nearest
 
-#: What a Deployment needs; null would remove it.
+#: What both need; null would remove it.
 NEEDED = frozenset({"metadata", "spec", "template", "containers"})
 #: Fields whose own fields are checked, too. Others may have any: a label may be called `env`.
 INNER = NEEDED | {"initContainers"}
@@ -22,13 +22,18 @@ MAPPINGS = frozenset(
     | {"nodeSelector", "affinity", "securityContext", "resources", "lifecycle"}
     | {"startupProbe", "readinessProbe", "livenessProbe"}
 )
-#: What a patch may repeat.
-TOP = {"apiVersion": "apps/v1", "kind": "Deployment"}
-#: The fields of Kubernetes 1.33: of a Deployment's spec, of a pod's, and of a container.
+#: What a patch may repeat: the API version, by the kind.
+TOP = {"Deployment": "apps/v1", "Job": "batch/v1"}
+#: The fields of Kubernetes 1.33: of a Deployment's and a Job's spec, of a pod's, of a container.
 FIELDS = {
-    "DEPLOYMENT": """
+    "Deployment": """
         minReadySeconds paused progressDeadlineSeconds replicas revisionHistoryLimit selector
         strategy template
+        """,
+    "Job": """
+        activeDeadlineSeconds backoffLimit backoffLimitPerIndex completionMode completions managedBy
+        manualSelector maxFailedIndexes parallelism podFailurePolicy podReplacementPolicy selector
+        successPolicy suspend template ttlSecondsAfterFinished
         """,
     "POD": """
         activeDeadlineSeconds affinity automountServiceAccountToken containers dnsConfig dnsPolicy
@@ -46,7 +51,8 @@ FIELDS = {
         volumeDevices volumeMounts workingDir
         """,
 }
-DEPLOYMENT, POD, CONTAINER = (frozenset(text.split()) for text in FIELDS.values())
+KNOWN = {kind: frozenset(text.split()) for kind, text in FIELDS.items()}
+POD, CONTAINER = KNOWN["POD"], KNOWN["CONTAINER"]
 #: Lists of mappings.
 LISTS = frozenset(
     {"containers", "initContainers", "volumes", "tolerations", "imagePullSecrets", "hostAliases"}
@@ -54,28 +60,28 @@ LISTS = frozenset(
 )
 
 
-def check_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what is wrong with a part of a Deployment that is merged into the generated one."""
+def check_patch(path: Path, tree: Mapping[str, Any], kind: str = "Deployment") -> Iterator[Problem]:
+    """Yield what is wrong with a part of a workload that is merged into the generated one."""
     for field in (("metadata", "name"), ("metadata", "namespace"), ("spec", "selector")):
         above = tree.get(field[0])
         if isinstance(above, Mapping) and above.get(field[1]) is not None:
             message = f"{'.'.join(field)} identifies the release and cannot change"
             yield Problem((*path, *field), message, "fixed-field", at_key=True)
-    for key, value in TOP.items():
+    for key, value in {"apiVersion": TOP[kind], "kind": kind}.items():
         if tree.get(key) not in (None, value):
-            message = f"{key} of a Deployment is {value}: remove it"
+            message = f"{key} of a {kind} is {value}: remove it"
             yield Problem((*path, key), message, "fixed-field", at_key=True)
-    yield from check_fields(path, tree)
+    yield from check_fields(path, tree, kind)
     yield from check_texts(path, tree)
-    yield from check_shape(path, (), tree)
+    yield from check_shape(path, (), tree, kind)
 
 
-def check_fields(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+def check_fields(path: Path, tree: Mapping[str, Any], kind: str) -> Iterator[Problem]:
     """Yield fields that are probably misspelt: Kubernetes has none such, but a similar one."""
     pod = ("spec", "template", "spec")
     found: list[tuple[Path, Any, frozenset[str]]] = [
-        ((), tree, frozenset({*TOP, "metadata", "spec"})),
-        (("spec",), tree.get("spec"), DEPLOYMENT),
+        ((), tree, frozenset({"apiVersion", "kind", "metadata", "spec"})),
+        (("spec",), tree.get("spec"), KNOWN[kind]),
         (pod, pod_of(tree), POD),
     ]
     for key in ("containers", "initContainers"):
@@ -106,7 +112,7 @@ def check_texts(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
                     yield Problem((*path, *place, key, str(name)), message, "wrong-type")
 
 
-def check_shape(path: Path, field: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+def check_shape(path: Path, field: Path, tree: Mapping[str, Any], kind: str) -> Iterator[Problem]:
     """Yield the values that are not of the shape that Kubernetes gives their fields.
 
     Args:
@@ -116,28 +122,28 @@ def check_shape(path: Path, field: Path, tree: Mapping[str, Any]) -> Iterator[Pr
     for key, value in tree.items():
         here = (*field, str(key))
         if value is None and key in NEEDED:
-            message = f"{show(here)} cannot be removed: a Deployment needs it"
+            message = f"{show(here)} cannot be removed: a {kind} needs it"
             yield Problem((*path, *here), message, "fixed-field", at_key=True)
         elif value is None or key not in MAPPINGS | LISTS:
             continue
         elif key in LISTS and (isinstance(value, str) or not isinstance(value, Sequence)):
-            yield wrong_type(path, here, "a list", value)
+            yield wrong_type(path, here, f"of a {kind} must be a list", value)
         else:
             listed = [(here, value)]
             if key in LISTS:
                 listed = [((*here, index), item) for index, item in enumerate(value)]
             for place, item in listed:
                 if not isinstance(item, Mapping):
-                    yield wrong_type(path, place, "a mapping", item)
+                    yield wrong_type(path, place, f"of a {kind} must be a mapping", item)
                 elif key in INNER:
-                    yield from check_shape(path, place, item)
+                    yield from check_shape(path, place, item, kind)
 
 
-def wrong_type(path: Path, field: Path, kind: str, value: object) -> Problem:
+def wrong_type(path: Path, field: Path, rule: str, value: object) -> Problem:
     """Return the problem of a value of a kind that Kubernetes refuses there."""
     names = {type(None): "empty", str: "text", bool: "true or false", int: "a number"}
     other = {float: "a number", dict: "a mapping"}.get(type(value), "a list")
-    message = f"{show(field)} of a Deployment must be {kind}, not {names.get(type(value), other)}"
+    message = f"{show(field)} {rule}, not {names.get(type(value), other)}"
     return Problem((*path, *field), message, "wrong-type")
 
 

@@ -31,6 +31,19 @@ ONCE = (
     (re.compile(r"^rostopic pub\b"), ("--once", "-1")),
     (re.compile(r"^ros2 topic echo\b"), ("--once",)),
 )
+#: Executables of packages that end, by the generation.
+RUN_ONCE: dict[str, tuple[tuple[str, str], ...]] = {
+    "1": (("gazebo_ros", "spawn_model"), ("map_server", "map_saver")),
+    "2": (
+        ("controller_manager", "spawner"),
+        ("controller_manager", "unspawner"),
+        ("gazebo_ros", "spawn_entity.py"),
+        ("nav2_map_server", "map_saver_cli"),
+        ("ros_gz_sim", "create"),
+    ),
+    "none": (),
+}
+ONCE_ONLY = "run it once (kind: task)"
 #: Programs that only wait, and what a shell without a command does.
 WAITING = ("sleep", "tail")
 #: Programs of ROS that only a shell with ROS finds, and what sets ROS up.
@@ -43,7 +56,14 @@ def check_program(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     yield from check_probe(node)
     line = ros.find_program(node)
     path = ("command" if node.command is not None else "args",)
-    if not line or node.launch or node.package or node.kind == "test":
+    if not line or node.launch or node.kind:
+        return
+    if node.package:
+        if (node.package, str(node.executable)) in RUN_ONCE[ros.name]:
+            message = (
+                f"{node.executable} ends, and Kubernetes starts it again each time: {ONCE_ONLY}"
+            )
+            yield Problem(("executable",), message, "ends", severity="warning", at_key=True)
         return
     if len(line) == 1 and " " in line[0].strip() and not has_template(line[0]):
         message = f'"{line[0]}" is one word, the name of a program: write it as a text, or a list'
@@ -62,8 +82,8 @@ def explain_end(line: Sequence[str]) -> str | None:
     ends = any(rule.search(text) and not set(words) & set(line) for rule, words in ENDING)
     if ends or any(rule.search(text) and set(words) & set(line) for rule, words in ONCE):
         program = " ".join([name, *line[1:3]])
-        again = f"{program} ends, and Kubernetes starts it again each time: let it go on (--loop)"
-        return f"{again}, or let `rigel test` run it once (kind: test)"
+        again = f"{program} ends, and Kubernetes starts it again each time: {ONCE_ONLY}"
+        return f"{again}, or let it go on (--loop)" if ends and "play" in text else again
     waits = name in WAITING and line[1:] and (name == "sleep" or "/dev/null" in line)
     if waits or (name in SHELLS and len(line) == 1):
         return f"{text} is no ROS node, so its pod never becomes ready: set `ros: none`"

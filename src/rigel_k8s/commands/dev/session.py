@@ -230,7 +230,7 @@ def develop(
     found = release(settings, job, [node])
     with writing(found.cluster, settings, report) as options:
         pod = pods_of(found, node)[0]
-        ref = pod.deployment
+        ref = pod.find_deployment("developed")
         note = f"{node} is in development by {name_user()} since {timestamp()}"
         check_script(found, "dev.sh", "developed")
         synced = [str(folder.remote) for folder in folders]

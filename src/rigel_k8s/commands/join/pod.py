@@ -31,9 +31,10 @@ def find_deployment(found: Release, node: str | None) -> Manifest:
 
     Without `node`, one with a ROS name is preferred: others are anonymous, or not of ROS.
     """
-    pods = pods_of(found, node) if node else [p for p in release_pods(found) if not p.helper]
+    every = pods_of(found, node) if node else [p for p in release_pods(found) if not p.helper]
+    pods = every if node else [pod for pod in every if not pod.once]
     for pod in sorted(pods, key=lambda one: not one.ros_name):
-        live = found.cluster.get(pod.deployment)
+        live = found.cluster.get(pod.find_deployment("joined"))
         if pod.scripts and live is not None:
             return live
     what = f"{node} is no node" if node else f"{found.id.name} has no node"

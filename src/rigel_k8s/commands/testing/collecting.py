@@ -41,7 +41,7 @@ def collect_release(found: Release, settings: Settings, folder: Path, report: Re
     if recorder := find_matching(pods, NODE):
         report.line(f"closing the bag of {found.id.name}")
         options = DeployOptions(report=report)
-        restart.restart(found.cluster, found.id, [recorder[0].deployment], options)
+        restart.restart(found.cluster, found.id, [recorder[0].owner], options)
         fetch(settings, found.id.name, [], None, folder / BAGS, report)
 
 

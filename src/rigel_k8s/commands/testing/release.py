@@ -51,8 +51,8 @@ class ReleaseTests:
         """Note whether its topics are as expected, before and after its tests, and those."""
         expected, tests = read_expected(self.found), self.list_tests()
         self.results.update((one.name, one) for one in self.compare(expected, self.within))
-        for deployment in tests:
-            ended = self.run_test(deployment)
+        for job in tests:
+            ended = self.run_test(job)
             self.results[ended.name] = ended
         for one in self.compare(expected, 0.0) if tests else []:
             if one.state == "failed":
@@ -77,20 +77,20 @@ class ReleaseTests:
         ]
 
     def list_tests(self) -> list[Manifest]:
-        """Return the Deployments of its tests, by name."""
+        """Return the Jobs of its tests, by name."""
         found, (namespace, name) = self.found, attrs.astuple(self.found.id)
         labels = {RELEASE_LABEL: name}
         return [
             one
-            for one in found.cluster.list("apps/v1", "Deployment", namespace, labels=labels)
+            for one in found.cluster.list("batch/v1", "Job", namespace, labels=labels)
             if TEST_ANNOTATION in (one["metadata"].get("annotations") or {})
         ]
 
-    def run_test(self, deployment: Manifest) -> Result:
+    def run_test(self, job: Manifest) -> Result:
         """Run a test to its end."""
-        cluster, pod = self.found.cluster, make_test_pod(deployment)
+        cluster, pod = self.found.cluster, make_test_pod(job)
         ref, container = ref_of(pod), pod["spec"]["containers"][0]["name"]
-        name = deployment["metadata"]["annotations"][NODE_ANNOTATION]
+        name = job["metadata"]["annotations"][NODE_ANNOTATION]
         started = time.monotonic()
         self.report.progress(name, "runs")
         cluster.create(pod)

@@ -87,7 +87,10 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     needed = need_for(
         work.manifests,
         work.candidates,
-        work.gone,
+        [
+            *work.gone,
+            *(m for m in work.candidates if m["kind"] == "Job" and ref_of(m) in work.live),
+        ],
         work.desired.release.namespace,
         create_namespace=work.namespace is None and work.desired.create_namespace,
     )
@@ -99,7 +102,7 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
 
     def try_one(manifest: Manifest) -> Live | Refusal:
         result = try_object(cluster, manifest, work.desired, adopt=adopt)
-        if isinstance(result, Refusal) and result.status == 422 and replaces(manifest, work.live):
+        if isinstance(result, Refusal) and replaces(manifest, work.live, result):
             return dict(manifest)  # as new: the old one goes before
         return result
 
@@ -135,14 +138,22 @@ def find_obstacles(
         yield from desired.inspect(changed, nodes)
 
 
-def replaces(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
-    """Whether what exists may be deleted for its successor: a claim without a volume."""
+def replaces(manifest: Manifest, live: Mapping[ObjectRef, Live], error: Refusal) -> bool:
+    """Whether what exists is deleted for its successor: a claim without a volume, or a Job.
+
+    Kubernetes never changes the pods of a Job: other pods are another run.
+    """
     there = live.get(ref_of(manifest))
-    return manifest["kind"] == "PersistentVolumeClaim" and bool(there and is_empty_claim(there))
+    if there is None or error.status != 422:
+        return False
+    if manifest["kind"] == "Job":
+        return all("field is immutable" in cause.message for cause in error.causes)
+    return is_empty_claim(there)
 
 
 def is_new_claim(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
     """Whether a manifest is a claim that does not exist yet, or that is still without a volume."""
     if manifest["kind"] != "PersistentVolumeClaim":
         return False
-    return ref_of(manifest) not in live or replaces(manifest, live)
+    there = live.get(ref_of(manifest))
+    return there is None or is_empty_claim(there)

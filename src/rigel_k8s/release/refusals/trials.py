@@ -68,11 +68,8 @@ def changes_template(manifest: Manifest, live: Mapping[ObjectRef, Manifest]) -> 
 
 
 def find_template(workload: Manifest) -> Manifest | None:
-    """Return a workload's pod template, None if the object does not run pods forever.
-
-    A Job is left out: its pods are made once, and its own dry run has their template checked.
-    """
-    if workload.get("kind") not in ("Deployment", "DaemonSet", "StatefulSet"):
+    """Return the template of which a workload makes pods, None if it makes none."""
+    if workload.get("kind") not in ("Deployment", "DaemonSet", "StatefulSet", "Job"):
         return None
     template: Manifest = workload["spec"]["template"]
     return template

@@ -28,7 +28,6 @@ SELECTOR = (
     "Kubernetes never changes which pods a {kind} selects; "
     "give it another name, or delete it first: {delete}"
 )
-JOB = "Kubernetes never changes a Job's pods; give it another name, or delete it first: {delete}"
 SIZE = (
     "a claim cannot go from {old} to {new}: it never shrinks, and grows only when it is bound and "
     "its storage class allows it; keep {old}, or delete it with its data first: {delete}"
@@ -181,8 +180,8 @@ def explain(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Man
         if ref.kind == "PersistentVolumeClaim":
             words = list(explain_claim(live, manifest, delete))
             known = [cause for cause in causes if cause.field.startswith("spec")]
-        elif ref.kind in ("PersistentVolume", "Job"):
-            words = [(JOB if ref.kind == "Job" else VOLUME).format(delete=delete)] if known else []
+        elif ref.kind == "PersistentVolume":
+            words = [VOLUME.format(delete=delete)] if known else []
         else:
             known = [cause for cause in known if cause.field.startswith("spec.selector")]
             words = [SELECTOR.format(kind=ref.kind, delete=delete)] if known else []

@@ -42,10 +42,10 @@ class Account:
     def show_states(self) -> None:
         """Report the states that have changed; a workload with a cause shows that.
 
-        A Deployment that has no pods, such as a test's, is left out, unless they have just ended.
+        What has no pods, such as a test, is left out, unless they have just ended.
         """
         for ref, state in self.standing.states.items():
-            idle = ref.kind == "Deployment" and state.done and not state.wanted
+            idle = ref.kind in ("Deployment", "Job") and state.done and not state.wanted
             if idle and ref not in self.shown:
                 continue
             if ref not in self.ledger.refs and state.message != UNSEEN:
@@ -111,8 +111,10 @@ class Account:
         failed = list(dict.fromkeys(seen.ref for seen in (*hopeless, *known) if seen not in others))
         names = ", ".join(ref.name for ref in failed)
         log = self.read_log(first)
+        once = all(ref.kind == "Job" for ref in failed)
+        fate = "did not succeed" if once else "did not become ready"
         return RolloutFailed(
-            f"{self.name_survivor(failed)}{names} did not become ready: {what}",
+            f"{self.name_survivor(failed)}{names} {fate}: {what}",
             hint=self.choose_hint(first.ref, first.cause, log),
             details=[*log, *self.list_causes(others)],
         )
@@ -178,6 +180,8 @@ class Account:
         command = self.run.options.write_command(f"logs {ref.name}", self.run.release)
         logs = f"{command} shows its output"
         remedy = logs if kind in ("", *LOGGED) else CAUSES[kind].remedy
+        if not cause and ref.kind == "Job":
+            remedy = f"if it takes longer, set `timeout`; {logs}"
         image = image_remedy_of(target)
         if cause and lacks_ros(target, cause):
             remedy = "`command` replaces the image's ENTRYPOINT, which loads ROS: use `args`"

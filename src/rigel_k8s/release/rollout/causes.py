@@ -155,8 +155,14 @@ def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
             yield explain_scheduling(str(condition.get("message", "")), name, events)
     if status.get("phase") == "Failed":
-        reason = status.get("message") or status.get("reason") or "see its log"
+        reason = status.get("message") or status.get("reason")
+        ends = [] if reason else [one for c in containers(status) for one in explain_exit(name, c)]
+        for one in ends:  # for good, so it is no crash after which it starts again
+            yield attrs.evolve(one, kind="failed")
+        if ends:
+            return
         evicted = status.get("reason") == "Evicted"
+        reason = reason or "see its log"
         yield Cause("evicted" if evicted else "failed", f"pod {name} failed: {reason}", name)
     for container in containers(status):
         yield from explain_container(pod, container)

@@ -164,7 +164,7 @@ def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
 
 
 def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return the state of a Job."""
+    """Return the state of a Job; its pods count as ready when they have succeeded."""
     wanted = int(spec.get("completions") or 1)
     done = int(status.get("succeeded", 0))
     if is_met(status, "Failed"):
@@ -173,7 +173,8 @@ def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
         return good("complete", done, wanted)
     if spec.get("suspend"):
         return good("suspended", 0, 0)
-    return going(f"{done} of {wanted} complete", done, wanted)
+    runs = f"{done} of {wanted} complete" if wanted > 1 else "has not ended yet"
+    return going(runs, done, wanted)
 
 
 def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:

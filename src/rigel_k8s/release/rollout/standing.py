@@ -14,6 +14,8 @@ from rigel_k8s.release.rollout.crashes import CrashLog, Unprobed, find_unprobed_
 from rigel_k8s.release.rollout.readiness import UNSEEN, ObjectReadiness, readiness_without
 from rigel_k8s.release.rollout.surroundings import Surroundings
 
+#: Kinds of causes for which a pod has failed for good.
+LASTING = ("failed", "evicted")
 GRACE = 30.0  # seconds that optional workloads have when all else is ready
 
 
@@ -110,13 +112,13 @@ class Standing:
             live, state = self.live.get(ref), self.states.get(ref)
             if live is None or state is None or state.message == UNSEEN:
                 continue
-            if state.done and not state.ok:
-                yield ref, Cause("failed", state.message)
-                continue
             sets = self.surroundings.list_sets(live)
             newest = self.surroundings.list_newest_pods(live)
             events = self.surroundings.list_events(live, *sets, *newest)
             found = causes(live, newest, events, sets)
+            if state.done and not state.ok:
+                found = [one for one in found if one.kind in LASTING]
+                found = found or [Cause("failed", state.message)]
             if not found and ref in self.unsteady:  # the kubelet restarted it between two reports
                 found = list(list_restarts(newest))
             yield from ((ref, cause) for cause in found)

@@ -10,6 +10,7 @@ export const STATES = {
   unready: { words: "not ready", path: "M6 1 11 11H1Z" },
   starting: { words: "starting", path: "M6 1A5 5 0 0 1 6 11Z", ring: true },
   stopped: { words: "stopped", path: "M2 2H5V10H2Z M7 2H10V10H7Z" },
+  done: { words: "done", path: "M2 6.5 5 9.5 10.5 2.5", line: true },
   ready: { words: "ready", path: "M6 1A5 5 0 1 1 5.9 1" },
   outside: { words: "outside the release", path: "M6 1.5A4.5 4.5 0 1 1 5.9 1.5", line: true },
 };

@@ -555,7 +555,9 @@ def fill_defaults(live: Live) -> Live:
     """Fill in what Kubernetes fills in, as far as somebody has tripped over it."""
     if live["kind"] == "Job":  # each has a label of its own
         own = live["metadata"].setdefault("uid", str(uuid.uuid4()))
-        live["spec"].setdefault("selector", {"matchLabels": {"controller-uid": own}})
+        selector = live["spec"].setdefault("selector", {"matchLabels": {"controller-uid": own}})
+        meta = live["spec"]["template"].setdefault("metadata", {})
+        meta["labels"] = {**(meta.get("labels") or {}), **selector["matchLabels"]}
     if live["kind"] == "Deployment":
         spec = live["spec"]
         spec.setdefault("replicas", 1)

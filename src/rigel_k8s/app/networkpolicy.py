@@ -9,7 +9,7 @@ probes work, and `rigel` connects through the API server and the pod's machine.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from ipaddress import ip_network
 
 import attrs
@@ -17,8 +17,9 @@ import attrs
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import selector
+from rigel_k8s.objects.podoptions import PortOptions
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.objects.scalars import ObjectName, Text
+from rigel_k8s.objects.scalars import ObjectName, Port, Text
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT, PROMETHEUS
 
@@ -68,12 +69,17 @@ class NetworkPolicy:
 
 
 def policy_objects(
-    release: ReleaseContext, options: NetworkPolicy, *, exporter: bool
+    release: ReleaseContext,
+    options: NetworkPolicy,
+    *,
+    exporter: bool,
+    outside: Mapping[str, tuple[str, Sequence[Port | PortOptions]]],
 ) -> Iterator[Object]:
     """Yield the release's policies.
 
     Args:
         exporter: whether the release has a ROS exporter, which a Prometheus must reach.
+        outside: nodes that are reached from outside of the cluster, with their workload and ports.
     """
     own: Object = {"podSelector": {"matchLabels": {RELEASE_LABEL: release.release}}}
     sources = [own, *(source_of(source) for source in options.allow)]
@@ -89,6 +95,13 @@ def policy_objects(
             rule,
             part_of=EXPORTER,
         )
+    for name, (workload, ports) in outside.items():
+        opened = [
+            port if isinstance(port, PortOptions) else PortOptions(port=port) for port in ports
+        ]
+        rule = {"ports": [{"port": int(one.port), "protocol": one.protocol} for one in opened]}
+        pods = {RELEASE_LABEL: release.release, **selector(workload)}
+        yield policy(release, f"{release.release}-{name}", pods, rule, part_of=workload)
 
 
 def source_of(source: Source) -> Object:

@@ -44,7 +44,7 @@ from rigel_k8s.objects.naming import (
 )
 from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podnodes import note_nodes
-from rigel_k8s.objects.podoptions import Placement, PortOptions, Readiness, Volume
+from rigel_k8s.objects.podoptions import OUTSIDE, Placement, PortOptions, Readiness, Volume
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
     PROBE_TIMEOUT,
@@ -109,6 +109,11 @@ class RosNode:
     def workload(self) -> str:
         """The Kubernetes name of its Deployment, which may be that of several nodes."""
         return object_name(self.options.pod) if self.options.pod else self.name
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether its ports are reached from outside of the cluster."""
+        return bool(self.options.ports) and self.options.service_type in OUTSIDE
 
     @property
     def pinned(self) -> bool:
@@ -215,7 +220,8 @@ def pod_objects(
     for node in nodes:
         if node.options.ports:
             ports_of = [port_entry(port, service=True) for port in node.options.ports]
-            yield service(release, node.name, ports_of, workload=first.workload)
+            kind = node.options.service_type
+            yield service(release, node.name, ports_of, first.workload, kind)
 
 
 def make_part(

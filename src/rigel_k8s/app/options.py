@@ -29,6 +29,7 @@ from rigel_k8s.objects.podoptions import (
     Readiness,
     RollingUpdate,
     Scalar,
+    ServiceType,
     Toleration,
     VolumeMount,
 )
@@ -245,6 +246,9 @@ class NodeOptions:
     replicas: Replicas | None = option("how many pods; more than one only if anonymous")
     resources: Resources = attrs.field(factory=Resources, metadata={"doc": "requests and limits"})
     ports: list[Port | PortOptions] = option("ports for a Service of the node's name", [])
+    service_type: ServiceType | None = option(
+        "type of that Service (default ClusterIP: not reachable from outside of the cluster)"
+    )
     volumes: list[ObjectName | VolumeMount] = option(
         "volumes; a name is one of persistent_storage", []
     )

@@ -148,7 +148,10 @@ class Parts:
             yield from network_objects(plan)
         if options.network_policy and has_workloads(options):
             watched = self.exporter is not None
-            for item in policy_objects(release, options.network_policy, exporter=watched):
+            outside = {n.name: (n.workload, n.options.ports) for n in self.nodes() if n.is_outside}
+            for item in policy_objects(
+                release, options.network_policy, exporter=watched, outside=outside
+            ):
                 yield ("network_policy",), item
         volumes = options.persistent_storage.volumes
         for index, item in storage(volumes, release.namespace, release.release):

@@ -80,6 +80,9 @@ def make_test_pod(job: Manifest) -> Object:
     }
     own = {"name": meta["name"], "namespace": meta["namespace"]}
     described = {key: template["metadata"].get(key) or {} for key in ("labels", "annotations")}
+    # By its labels the suspended Job would take the pod for its own, and end it.
+    of_job = job["spec"].get("selector", {}).get("matchLabels", {})
+    described["labels"] = {k: v for k, v in described["labels"].items() if k not in of_job}
     return {"apiVersion": "v1", "kind": "Pod", "metadata": {**own, **described}, "spec": spec}
 
 

@@ -120,7 +120,7 @@ def pod_of(item: dict[str, Any]) -> Pod:
         restarts=restarts_of(status, container["name"]),
         helper=(meta.get("labels") or {}).get(COMPONENT_LABEL) == OBSERVABILITY,
         shared=shared,
-        once=any(one["kind"] == "Job" for one in meta.get("ownerReferences") or []),
+        once=any(one.get("kind") == "Job" for one in meta.get("ownerReferences") or []),
         ports={
             port["containerPort"]: port.get("name", "")
             for port in container.get("ports") or []

@@ -33,6 +33,9 @@ from rigel_k8s.objects.scalars import (
 )
 
 Scalar = str | int | float | bool
+ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
+#: Those that are reached from outside of the cluster.
+OUTSIDE = ("NodePort", "LoadBalancer")
 
 
 @attrs.frozen(kw_only=True)

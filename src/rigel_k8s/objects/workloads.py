@@ -108,14 +108,23 @@ def run_once(made: Mapping[str, Any], *, suspend: bool) -> Object:
 
 
 def service(
-    release: ReleaseContext, name: str, ports: Sequence[Object], workload: str | None = None
+    release: ReleaseContext,
+    name: str,
+    ports: Sequence[Object],
+    workload: str | None = None,
+    kind: str | None = None,
 ) -> Object:
-    """Return the Service of a workload's name, or of a node's in its pods."""
+    """Return the Service of a workload's name, or of a node's in its pods.
+
+    Args:
+        kind: its type; None for Kubernetes' default.
+    """
+    chosen = {"type": kind} if kind else {}
     return {
         "apiVersion": "v1",
         "kind": "Service",
         "metadata": release.metadata(name, part_of=workload),
-        "spec": {"selector": selector(workload or name), "ports": list(ports)},
+        "spec": {**chosen, "selector": selector(workload or name), "ports": list(ports)},
     }
 
 

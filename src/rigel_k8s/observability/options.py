@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, required_field, true_is_default
-from rigel_k8s.objects.podoptions import Machines
+from rigel_k8s.objects.podoptions import Machines, ServiceType
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
     DottedName,
@@ -30,7 +30,6 @@ from rigel_k8s.objects.scalars import (
 )
 
 DEFAULT_COLLECTOR = "otel-collector"
-ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
 
 
 @attrs.frozen(kw_only=True)

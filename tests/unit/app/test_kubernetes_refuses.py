@@ -32,6 +32,8 @@ CASES = [
     ("", "ports: [80, {port: 80, protocol: UDP}]", "", ""),
     ("", "ports: [{port: 80, name: a}, {port: 81, name: a}]", "conflict", "ports.1"),
     ("", "ports: [80, {port: 81, service_port: 80}]", "conflict", "ports.1"),
+    ("", "service_type: NodePort", "incomplete", "service_type"),
+    ("", "ports: [80], service_type: NodePort", "", ""),
     ("", "resources: {limits: {gpu: 1}}", "bad-resource", "resources.limits.gpu"),
     ("", "resources: {limits: {memmory: 1Gi}}", "bad-resource", "resources.limits.memmory"),
     ("", "resources: {limits: {hugepages-2Mi: 4Mi, nvidia.com/gpu: 1}}", "", ""),
@@ -90,3 +92,24 @@ def test_it_is_refused_before(job: str, node: str, kind: str, place: str) -> Non
     found = [p for p in problems(text) if p.severity == "error"]
     expected = [(kind, f"nodes.n.{place}")] if kind else []
     assert [(p.kind, ".".join(map(str, p.path))) for p in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("job", "node", "words"),
+    [
+        ("", "host_network: true", "ports of its machine already"),
+        ("network: host", "", "ports of its machine already"),
+        (LAN, "", "the second network reaches the node"),
+        ("", "", None),
+    ],
+)
+def test_a_node_that_is_reached_anyway_needs_no_type(
+    job: str, node: str, words: str | None
+) -> None:
+    """Of its Service; one that is reached from the cluster alone opens nothing."""
+    for kind, expected in (("NodePort", words), ("LoadBalancer", words), ("ClusterIP", None)):
+        text = f"{{image: a, {job}{',' * bool(job)} nodes: {{n: {{args: x, ports: [80], {node}"
+        found = problems(f"{text}{',' * bool(node)} service_type: {kind}}}}}}}")
+        messages = [p.message for p in found if p.kind == "reachable"]
+        assert [expected in one for one in messages if expected] == [True] * bool(expected)
+        assert len(messages) == bool(expected)

@@ -14,13 +14,17 @@ from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.objects.rights import find_missing, make_rules
 from rigel_k8s.release.refusals.rights import find_resource, need_for
 
+from .shapes import release
 from .test_golden import CASES, FOLDER
 
 DEPLOYER = read_rights(PURPOSES["deployer"], "n")
 
 
 def read_shapes() -> list[Any]:
-    return [copy.deepcopy(item) for case in CASES for item in FOLDER.make(case)]
+    """Return what applications are made of; no golden file has a task."""
+    task = release("{image: a, nodes: {n: {kind: task, args: [a]}}}").objects
+    golden = (item for case in CASES for item in FOLDER.make(case))
+    return [copy.deepcopy(item) for item in (*golden, *task)]
 
 
 def test_a_deployer_may_do_all_that_any_application_needs() -> None:

@@ -45,11 +45,12 @@ def allowed() -> dict[str, str]:
 ALLOWED = allowed() | SERVERS
 
 
+WORKLOADS = ("Deployment", "Job")
+
+
 def pods(made: Desired) -> list[dict[str, Any]]:
     """Return the specs of all pods of a release."""
-    return [
-        item["spec"]["template"]["spec"] for item in made.objects if item["kind"] == "Deployment"
-    ]
+    return [item["spec"]["template"]["spec"] for item in made.objects if item["kind"] in WORKLOADS]
 
 
 @pytest.mark.parametrize("case", ALLOWED)
@@ -72,12 +73,12 @@ def test_most_shapes_are_allowed() -> None:
 
 
 @pytest.mark.parametrize("case", [name for name in ALLOWED if name not in SERVERS])
-def test_only_deployments_change(case: str) -> None:
+def test_only_what_has_pods_changes(case: str) -> None:
     """Services, claims and ConfigMaps are the same with and without the level."""
 
     def others(text: str) -> list[Any]:
         made = release(text, files=FILES).objects
-        return [item for item in made if item["kind"] != "Deployment"]
+        return [item for item in made if item["kind"] not in WORKLOADS]
 
     assert others(restricted(ALLOWED[case])) == others(ALLOWED[case])
 
@@ -184,3 +185,23 @@ def test_policies_select_and_admit_the_release_by_the_label_of_its_pods() -> Non
     for item in made.objects:
         if item["kind"] == "Deployment":
             assert own.items() <= item["spec"]["template"]["metadata"]["labels"].items()
+
+
+def test_a_port_of_a_service_of_the_outside_is_open_to_all() -> None:
+    """That port alone, and of a node whose Service is for pods none."""
+    nodes = "web: {args: [x], ports: [80, {port: 9, protocol: UDP}], service_type: %s}"
+    text = (
+        f"{{image: a, network_policy: true, nodes: {{{nodes}, other: {{args: [x], ports: [7]}}}}}}"
+    )
+    for kind in ("NodePort", "LoadBalancer"):
+        made = release(text % kind)
+        assert find(made, "Service", "web")["spec"]["type"] == kind
+        assert "type" not in find(made, "Service", "other")["spec"]
+        spec = find(made, "NetworkPolicy", "rigel-k8s-application-web")["spec"]
+        assert spec["ingress"] == [
+            {"ports": [{"port": 80, "protocol": "TCP"}, {"port": 9, "protocol": "UDP"}]}
+        ]
+        assert spec["podSelector"]["matchLabels"]["app.kubernetes.io/name"] == "web"
+        assert len([one for one in made.objects if one["kind"] == "NetworkPolicy"]) == 2
+    made = release(text % "ClusterIP")
+    assert len([one for one in made.objects if one["kind"] == "NetworkPolicy"]) == 1

@@ -44,9 +44,14 @@ def test_its_pod_is_that_of_its_job_with_a_reader() -> None:
     assert job["spec"]["suspend"] is True
     assert job["metadata"]["annotations"]["rigel-k8s/test"] == "true"
     template = job["spec"]["template"]
+    labels = dict(template["metadata"]["labels"])
+    # What Kubernetes adds: a Job takes a pod with these for its own, and a suspended one ends it.
+    added = {"batch.kubernetes.io/controller-uid": "1"}
+    job["spec"]["selector"] = {"matchLabels": added}
+    template["metadata"]["labels"] |= added
     pod = make_test_pod(job)
     assert pod["metadata"]["name"] == "hears"
-    assert pod["metadata"]["labels"] == template["metadata"]["labels"]
+    assert pod["metadata"]["labels"] == labels
     assert pod["spec"]["restartPolicy"] == "Never"
     node, reader = pod["spec"]["containers"]
     own = template["spec"]["containers"][0]

@@ -9,6 +9,8 @@ import pytest
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.restart import restart
+from rigel_k8s.release.rollout.standing import Standing
+from rigel_k8s.release.rollout.surroundings import look_around
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import DeployOptions
 from tests.support.controllers import Controllers, ended, running
@@ -107,6 +109,22 @@ def test_a_failure_is_the_deploys_with_its_last_words(cluster: Any, machine: Mac
     machine.code = 0
     assert deploy(desired(workload(), task()), cluster, report=report).status == "good"
     assert len(machine.runs) == 2
+
+
+def test_a_failed_pod_is_no_end_before_the_job_says_so(cluster: Any, machine: Machine) -> None:
+    """It may try again, and a deploy right afterwards must find that it has failed."""
+    standing = Standing({JOB: task()})
+    live = {**task(), "status": {"active": 1}}
+    live["metadata"] = {**live["metadata"], "uid": "j"}
+    owner = {"uid": "j", "controller": True}
+    pod = {"metadata": {"name": "p", "uid": "p", "ownerReferences": [owner]}, "spec": {}}
+    pod["status"] = ended({"spec": {"containers": [{"name": "node"}]}}, 1)
+    around = look_around([], [pod])
+    standing.look({JOB: live}, around, 0.0)
+    assert list(standing.find_causes()) == []
+    live["status"] = {"conditions": [{"type": "Failed", "status": "True", "message": "limit"}]}
+    standing.look({JOB: live}, around, 0.0)
+    assert [cause.kind for _, cause in standing.find_causes()] == ["failed"]
 
 
 def test_one_that_takes_too_long_has_a_way_out(cluster: Any, machine: Machine) -> None:

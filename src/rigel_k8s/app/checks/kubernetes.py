@@ -18,7 +18,7 @@ from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
-from rigel_k8s.objects.podoptions import PortOptions, Volume
+from rigel_k8s.objects.podoptions import OUTSIDE, PortOptions, Volume
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH
 from rigel_k8s.objects.raw import mapping
 from rigel_k8s.option_text import has_template
@@ -46,6 +46,7 @@ def check_kubernetes(
         ours["/etc/machine-id"] = None
     yield from check_mounts(node, volumes, set(ours))
     yield from check_ports(node)
+    yield from check_service_type(node, options.network)
     yield from check_resource_names(node)
     yield from check_context(node.security_context)
     yield from check_attachments(node, options.network)
@@ -123,6 +124,25 @@ def check_ports(node: NodeOptions) -> Iterator[Problem]:
             yield Problem(("ports", index), message, "conflict")
         numbers.add(number)
         names.add(name)
+
+
+def check_service_type(node: NodeOptions, network: Network | None) -> Iterator[Problem]:
+    """Yield a type of a Service without a Service, or for what is reached without it."""
+    if node.service_type is None:
+        return
+    mode = mode_of(network)
+    if not node.ports:
+        message = "a Service is made of `ports`: add them, or remove `service_type`"
+        yield Problem(("service_type",), message, "incomplete", at_key=True)
+    elif node.service_type in OUTSIDE and (node.host_network or mode.in_machine_network):
+        message = "the node's ports are ports of its machine already: remove `service_type`"
+        yield Problem(("service_type",), message, "reachable", severity="warning", at_key=True)
+    elif node.service_type in OUTSIDE and mode.attached:
+        message = (
+            "the second network reaches the node at its address there: remove `service_type`,"
+            " unless it is needed from elsewhere"
+        )
+        yield Problem(("service_type",), message, "reachable", severity="warning", at_key=True)
 
 
 def check_resource_names(node: NodeOptions) -> Iterator[Problem]:

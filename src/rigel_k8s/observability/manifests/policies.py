@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import selector
+from rigel_k8s.objects.podoptions import OUTSIDE
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests.scraping import KUBE_STATE_METRICS
 from rigel_k8s.observability.manifests.stack import Stack
@@ -46,7 +47,7 @@ def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
 
 def _list_sources(part: Component, sources: list[Object]) -> list[Object]:
     """Return the sources of a part; none if its Service is reachable from outside."""
-    return [] if part.service_type in ("NodePort", "LoadBalancer") else sources
+    return [] if part.service_type in OUTSIDE else sources
 
 
 def _parts(names: Sequence[str]) -> list[Object]:

@@ -143,17 +143,17 @@ def replaces(manifest: Manifest, live: Mapping[ObjectRef, Live], error: Refusal)
 
     Kubernetes never changes the pods of a Job: other pods are another run.
     """
-    there = live.get(ref_of(manifest))
-    if there is None or error.status != 422:
+    found = live.get(ref_of(manifest))
+    if found is None or error.status != 422:
         return False
     if manifest["kind"] == "Job":
         return all("field is immutable" in cause.message for cause in error.causes)
-    return is_empty_claim(there)
+    return is_empty_claim(found)
 
 
 def is_new_claim(manifest: Manifest, live: Mapping[ObjectRef, Live]) -> bool:
     """Whether a manifest is a claim that does not exist yet, or that is still without a volume."""
     if manifest["kind"] != "PersistentVolumeClaim":
         return False
-    there = live.get(ref_of(manifest))
-    return there is None or is_empty_claim(there)
+    found = live.get(ref_of(manifest))
+    return found is None or is_empty_claim(found)

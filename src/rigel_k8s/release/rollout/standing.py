@@ -119,6 +119,8 @@ class Standing:
             if state.done and not state.ok:
                 found = [one for one in found if one.kind in LASTING]
                 found = found or [Cause("failed", state.message)]
+            elif ref.kind == "Job":  # which may try again
+                found = [one for one in found if one.kind not in LASTING]
             if not found and ref in self.unsteady:  # the kubelet restarted it between two reports
                 found = list(list_restarts(newest))
             yield from ((ref, cause) for cause in found)

@@ -211,6 +211,7 @@ class Controllers:
         elif phase == "Failed":
             text = "Job has reached the specified backoff limit"
             failed = {"type": "Failed", "status": "True", "message": text}
+            failed["reason"] = "BackoffLimitExceeded"
             status = {"failed": 1, "conditions": [failed]}
         self.status(store, store.objects[ref_of(job)], status)
 

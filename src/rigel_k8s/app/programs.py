@@ -28,6 +28,7 @@ SHELLS = ("sh", "bash", "dash", "ash", "zsh")
 NO_ROS_ARGUMENTS = frozenset(
     (*SHELLS, "busybox", "env")
     + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
+    + ("rosmsg", "rosnode", "rosparam", "rosservice", "rossrv")
 )
 
 #: Parameters as JSON, which the script reads; it is beside the mounted parameter files.

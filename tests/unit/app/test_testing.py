@@ -96,6 +96,15 @@ def test_a_task_is_a_job_with_the_pod_of_a_node(distro: str, network: str) -> No
     )
 
 
+def test_a_tool_of_ros1_gets_no_argument_that_it_misreads() -> None:
+    """rosparam ends with "too many arguments", and rosservice passes it on as a value."""
+    for line in (["rosparam", "set", "/a", "1"], ["rosservice", "call", "/a"]):
+        text = f"{{image: r:1, nodes: {{a: {{kind: task, args: {line}}}}}}}"
+        job = find(release(text), "Job", "a")
+        assert job["spec"]["template"]["spec"]["containers"][0]["args"] == line
+        assert "rigel-k8s/ros-name" not in job["metadata"]["annotations"]
+
+
 def test_a_task_may_name_its_node_itself() -> None:
     """`ros2 bag play` does: no ROS name is promised, and none is advised to be set."""
     text = "{image: r:1, network: peers, nodes: {bag: {kind: task, args: ros2 bag play /b}}}"

@@ -105,7 +105,9 @@ def test_a_failure_is_the_deploys_with_its_last_words(cluster: Any, machine: Mac
     assert caught.value.hint.startswith("`rigel logs spawn` shows its output")
     found = {one.name: one for one in status(cluster, RELEASE).workloads}["spawn"]
     assert (found.done, found.kinds) == (False, ("failed",))
-    assert "no controller arm" in found.message
+    assert found.message == (
+        "failed; container node exited with code 3 (RuntimeError: no controller arm)"
+    )
     machine.code = 0
     assert deploy(desired(workload(), task()), cluster, report=report).status == "good"
     assert len(machine.runs) == 2

@@ -168,7 +168,9 @@ def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     wanted = int(spec.get("completions") or 1)
     done = int(status.get("succeeded", 0))
     if is_met(status, "Failed"):
-        return bad(f"failed: {find_condition(status, 'Failed').get('message', '')}")
+        found = find_condition(status, "Failed")
+        once = found.get("reason") == "BackoffLimitExceeded" and spec.get("backoffLimit") == 0
+        return bad("failed" if once else f"failed: {found.get('message', '')}")
     if is_met(status, "Complete"):
         return good("complete", done, wanted)
     if spec.get("suspend"):

@@ -35,7 +35,7 @@ class Collection:
         """Do nothing yet; the first look is `after` seconds after the start."""
         self._half, self._config, self._after = half, config, after
         self._listening = Listening(half, config)
-        self._standing = Standing(config.expected, config.known, config.topics)
+        self._standing = Standing(config.expected, config.known, config.topics, config.once)
         self._contract = Contract(config.contract)
         self._lock = threading.Lock()
         self._ended = threading.Event()

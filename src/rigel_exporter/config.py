@@ -33,6 +33,7 @@ class Config(NamedTuple):
             this port and the next three. Empty: the graph is read from DDS.
         expected: ROS names of nodes that must exist, and the workload of each.
         known: the same for nodes that may have another name.
+        once: names of nodes that end, and are not missing afterwards.
         topics: topics to measure, in addition to those of the next three fields; with `keepers`,
             their nodes count, and only the next three are subscribed to.
         contract: what is expected of topics: fields of expecting.Expected, by their full names.
@@ -57,6 +58,7 @@ class Config(NamedTuple):
     keepers: Sequence[str] = ()
     expected: Mapping[str, str] = {}
     known: Mapping[str, str] = {}
+    once: Sequence[str] = ()
     topics: Sequence[str] = ()
     contract: Mapping[str, Mapping[str, Any]] = {}
     diagnostics: bool = False

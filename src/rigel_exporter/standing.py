@@ -27,7 +27,11 @@ class Standing:
     """The looks so far."""
 
     def __init__(
-        self, expected: Mapping[str, str], known: Mapping[str, str], named: Iterable[str]
+        self,
+        expected: Mapping[str, str],
+        known: Mapping[str, str],
+        named: Iterable[str],
+        once: Iterable[str] = (),
     ) -> None:
         """Begin without a look.
 
@@ -35,8 +39,9 @@ class Standing:
             expected: ROS names of nodes that must exist, and the workload of each.
             known: the workloads of others.
             named: topics that are exported even above the limit.
+            once: names of nodes that end, and are not missing afterwards.
         """
-        self._expected, self._named = dict(expected), frozenset(named)
+        self._expected, self._named, self._once = dict(expected), frozenset(named), frozenset(once)
         self._workloads = {**known, **expected}
         self._graph, self._now = Graph(), 0.0
         self._seen: dict[str, float] = {}
@@ -65,7 +70,8 @@ class Standing:
             self._meet(graph.master, now)
 
     def _remember(self, nodes: Iterable[Node], now: float) -> None:
-        seen = {n.name: now for n in nodes if not _ANONYMOUS.search(n.name)}
+        lasting = (node.name for node in nodes if node.name not in self._once)
+        seen = {name: now for name in lasting if not _ANONYMOUS.search(name)}
         self._seen = {n: when for n, when in self._seen.items() if when + REMEMBERED > now} | seen
         processes = {node.name: node.process for node in nodes if node.process}
         for name in processes.keys() & seen.keys():

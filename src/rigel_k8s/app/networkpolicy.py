@@ -95,11 +95,9 @@ def policy_objects(
             rule,
             part_of=EXPORTER,
         )
-    for name, (workload, ports) in outside.items():
-        opened = [
-            port if isinstance(port, PortOptions) else PortOptions(port=port) for port in ports
-        ]
-        rule = {"ports": [{"port": int(one.port), "protocol": one.protocol} for one in opened]}
+    for name, (workload, opened) in outside.items():
+        known = (one if isinstance(one, PortOptions) else PortOptions(port=one) for one in opened)
+        rule = {"ports": [{"port": int(one.port), "protocol": one.protocol} for one in known]}
         pods = {RELEASE_LABEL: release.release, **selector(workload)}
         yield policy(release, f"{release.release}-{name}", pods, rule, part_of=workload)
 

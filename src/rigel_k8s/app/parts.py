@@ -197,7 +197,9 @@ class Parts:
             for topic, one in describe_all(self.options.expect).items()
         }
         asked = any(find_faults(node.options.args) for node in nodes)
-        return WatchedGraph(ours, rest, domain or 0, self.place(), tuple(keepers), contract, asked)
+        once = tuple(sorted(name for name, one in named.items() if one.options.kind))
+        more = (domain or 0, self.place(), tuple(keepers), contract, asked)
+        return WatchedGraph(ours, rest, once, *more)
 
     def place(self) -> Mapping[str, Any]:
         """Return where workloads beside the nodes run: with them, if all are bound to one place."""

@@ -45,6 +45,7 @@ class WatchedGraph:
     Attributes:
         expected: the full ROS names of nodes that must exist, and the workload of each.
         known: names that nodes may have if their programs choose their own names.
+        once: those of them that end.
         domain: the DDS domain of the nodes.
         placement: fields of the pod's spec that keep it where all the nodes are.
         keepers: where the notes of ROS 2 processes are read, NAME:PORT for each workload; without
@@ -56,6 +57,7 @@ class WatchedGraph:
 
     expected: Mapping[str, str]
     known: Mapping[str, str] = attrs.field(factory=dict)
+    once: tuple[str, ...] = ()
     domain: int = 0
     placement: Mapping[str, Any] = attrs.field(factory=dict)
     keepers: tuple[str, ...] = ()
@@ -131,6 +133,7 @@ def describe(options: RosMetrics, graph: WatchedGraph) -> Object:
     return {
         "expected": dict(graph.expected),
         "known": dict(graph.known),
+        "once": list(graph.once),
         "keepers": list(graph.keepers),
         "topics": [f"/{str(topic).lstrip('/')}" for topic in options.topics],
         "contract": dict(graph.contract),

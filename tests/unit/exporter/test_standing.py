@@ -13,7 +13,7 @@ TALKER = Node("/talker", up=True, registered=True)
 def standing(expected: Mapping[str, str] | None = None, **more: object) -> Standing:
     known = more.get("known", {})
     named = more.get("named", ())
-    return Standing(expected or {}, known, named)  # type: ignore[arg-type]
+    return Standing(expected or {}, known, named, more.get("once", ()))  # type: ignore[arg-type]
 
 
 def told(standing: Standing, name: str) -> dict[tuple[str, ...], float]:
@@ -43,6 +43,14 @@ def test_a_node_that_names_itself_has_its_workload_and_is_not_expected() -> None
     made = standing(known={"/talker": "t", "/never": "n"})
     made.take(Graph(nodes=[TALKER]), 0.0)
     assert told(made, "ros_node_up") == {("/talker", "t"): 1}
+
+
+def test_a_node_that_ran_once_is_not_missing_afterwards() -> None:
+    made = standing(known={"/talker": "t"}, once=["/talker"])
+    made.take(Graph(nodes=[TALKER]), 0.0)
+    assert told(made, "ros_node_up") == {("/talker", "t"): 1}
+    made.take(Graph(), 1.0)
+    assert told(made, "ros_node_up") == {}
 
 
 def test_a_node_seen_once_is_gone_for_an_hour_and_then_forgotten() -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+from rigel_k8s.app.checks.schema import Place, check_value
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import NOTES_PATH
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
@@ -27,13 +28,6 @@ from rigel_k8s.rigelfile import find_nearest
 
 #: What Kubernetes has without a domain in its name.
 RESOURCES = ("cpu", "memory", "ephemeral-storage")
-#: The fields of a container's securityContext, by their types.
-BOOLEANS = (*("privileged", "allowPrivilegeEscalation", "readOnlyRootFilesystem", "runAsNonRoot"),)
-NUMBERS = ("runAsUser", "runAsGroup")
-CONTEXT = (
-    *(*BOOLEANS, *NUMBERS, "capabilities", "procMount", "seLinuxOptions", "seccompProfile"),
-    *("appArmorProfile", "windowsOptions"),
-)
 
 
 def check_kubernetes(
@@ -48,7 +42,7 @@ def check_kubernetes(
     yield from check_ports(node)
     yield from check_service_type(node, options.network)
     yield from check_resource_names(node)
-    yield from check_context(node.security_context)
+    yield from check_raw(node)
     yield from check_attachments(node, options.network)
 
 
@@ -160,28 +154,19 @@ def check_resource_names(node: NodeOptions) -> Iterator[Problem]:
             yield Problem(("resources", key, name), message, "bad-resource", at_key=True)
 
 
-def check_context(context: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield fields of a securityContext that do not exist or have another type."""
-    above: Path = ("security_context",)
-    for key, value in context.items():
-        path = (*above, str(key))
-        if key not in CONTEXT:
-            if near := find_nearest(str(key), CONTEXT):
-                message = f'unknown field "{key}" of a securityContext, did you mean "{near}"?'
-                yield Problem(path, message, "unknown-key", at_key=True)
-        elif value is None or has_template(str(value)):
-            continue
-        elif key in BOOLEANS and not isinstance(value, bool):
-            message = f"{key} must be true or false, without quotes"
-            yield Problem(path, message, "wrong-type")
-        elif key in NUMBERS and (isinstance(value, bool) or not isinstance(value, int)):
-            message = f"{key} must be a number: `id -u NAME` in the image prints it"
-            yield Problem(path, message, "wrong-type")
-    capabilities = context.get("capabilities")
+def check_raw(node: NodeOptions) -> Iterator[Problem]:
+    """Yield what is wrong with what a node has of Kubernetes' own objects."""
+    context = Place(("security_context",), "a securityContext")
+    yield from check_value(node.security_context, "SecurityContext", context)
+    for index, one in enumerate(node.env if isinstance(node.env, list) else ()):
+        source = Place(("env", index, "valueFrom"), "valueFrom", whole=True)
+        if one.value_from is not None:
+            yield from check_value(one.value_from, "EnvVarSource", source)
+    capabilities = node.security_context.get("capabilities")
     for key in ("add", "drop"):
         listed = capabilities.get(key) if isinstance(capabilities, Mapping) else None
         for index, name in enumerate(listed if isinstance(listed, list) else ()):
             if str(name).upper().startswith("CAP_"):
                 message = f"Kubernetes' names have no CAP_: write {str(name)[4:].upper()}"
-                place = (*above, "capabilities", key, index)
+                place = ("security_context", "capabilities", key, index)
                 yield Problem(place, message, "bad-name")

@@ -45,6 +45,7 @@ class Recipe:
         apt: Debian packages.
         env: environment variables; `$NAME` in a value is expanded.
         docker_run: commands run as root before the sources are copied.
+        python_requirements: files with packages of PyPI, relative to the sources.
         entrypoint: lines of shell run in the container before its command.
         rosinstall: files that vcs imports, relative to the sources.
         command: the default command, as text or words; empty: an interactive shell.
@@ -61,6 +62,7 @@ class Recipe:
     apt: tuple[str, ...] = ()
     env: tuple[tuple[str, str], ...] = ()
     docker_run: tuple[str, ...] = ()
+    python_requirements: tuple[str, ...] = ()
     entrypoint: tuple[str, ...] = ()
     rosinstall: tuple[str, ...] = ()
     command: str | tuple[str, ...] = ()

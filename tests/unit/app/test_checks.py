@@ -331,7 +331,11 @@ WARNINGS = [
     ("surge", "rolling_update", "{application_image: a, rolling_update: {strategy: Rolling}}"),
     ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
     ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
-    ("device-access", "nodes.n.devices.0", "{image: a, nodes: {n: {devices: [/dev/a]}}}"),
+    (
+        "device-access",
+        "nodes.n.devices.0",
+        "{image: a, nodes: {n: {devices: [/dev/a], placement: {node: r}}}}",
+    ),
     (
         "one-pod",
         "nodes.b.pod",

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from .shapes import find, release
+from .shapes import find, problems, release
 
 ONE = [
     "{node: robot-1}",
@@ -50,3 +50,16 @@ def test_a_pod_of_several_machines_pulls_its_image_as_kubernetes_does() -> None:
     for place, stays in PLACES:
         container = pod_of(BOUND["n"] % place, "n")["containers"][0]
         assert container.get("imagePullPolicy") == ("IfNotPresent" if stays else None)
+
+
+def test_devices_are_on_the_machine_that_has_them() -> None:
+    """A pod elsewhere waits for its device for ever; one warning is enough for a node."""
+    node = "{args: x, security_context: {privileged: true}, devices: [%s]%s}"
+    for devices, more, expected in (
+        ("/dev/null, /dev/a, /dev/b", "", [("nodes", "n", "devices", 1)]),
+        ("/dev/a", ", placement: {labels: {arm: left}}", []),
+        ("/dev/null, /dev/net/tun", "", []),
+        ("{resource: a.b/c}", "", []),
+    ):
+        found = problems(f"{{image: a, nodes: {{n: {node % (devices, more)}}}}}")
+        assert [one.path for one in found if one.kind == "any-machine"] == expected

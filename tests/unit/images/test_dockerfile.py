@@ -39,6 +39,7 @@ CASES = {
     "env": Recipe(**NOETIC, env=(("PATH", "/opt/a:$PATH"), ("QUOTED", 'a "b" \\ \\$c d'))),
     "docker-run": Recipe(**NOETIC, docker_run=("mkdir /data", "echo a\necho b", "a \\\n  b")),
     "entrypoint": Recipe(**NOETIC, entrypoint=("export A=b", "echo $A")),
+    "python-requirements": Recipe(**NOETIC, python_requirements=("requirements.txt", "a b.txt")),
     "rosinstall": Recipe(**NOETIC, rosinstall=("deps.rosinstall", "more/x y.repos")),
     "root": Recipe(**NOETIC, **HELLO, username="root"),
 }

@@ -53,6 +53,8 @@ OWNER = (
     " `chown UID {path}` there, and set security_context: {{runAsUser: UID}}; if the node only"
     " reads, set read_only: true"
 )
+#: Devices that each machine has.
+USUAL_DEVICES = ("/dev/fuse", "/dev/net/tun", "/dev/null", "/dev/shm")
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
 #: Subcommands of `ros2` that start a user's own nodes.
@@ -301,6 +303,16 @@ def check_machine_data(
         kind, text = ("volume-owner", OWNER) if pinned else ("any-machine", ANY_MACHINE)
         message = text.format(path=path)
         yield Problem(("volumes", index), message, kind, severity="warning")
+    if restricted or pinned:
+        return
+    for index, device in enumerate(map(device_of, node.devices)):
+        if device.path and not device.resource and str(device.path) not in USUAL_DEVICES:
+            message = (
+                f"the pod waits for ever on a machine without {device.path}: set placement.node (or"
+                " placement.labels)"
+            )
+            yield Problem(("devices", index), message, "any-machine", severity="warning")
+            return  # the others are probably on the same machine
 
 
 def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:

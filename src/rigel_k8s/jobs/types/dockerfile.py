@@ -67,6 +67,17 @@ class DockerfileVariable:
 
 
 @attrs.frozen
+class DockerRun:
+    """A command of `docker_run`, as a newer Rigel writes it.
+
+    Attributes:
+        command: the command.
+    """
+
+    command: str
+
+
+@attrs.frozen
 class DockerfileOptions:
     """The options of a Dockerfile job, those of Rigel's DockerfilePlugin and `rosdep`.
 
@@ -79,6 +90,7 @@ class DockerfileOptions:
         rosinstall: .rosinstall or .repos files whose repositories are built with the application.
         ros_image: the image to start from; default: ros:DISTRO.
         docker_run: commands to run as root while the image is built, before the sources are copied.
+        python_requirements_files: requirements.txt files whose packages pip installs.
         username: the user that builds and runs; `root` creates none.
         rosdep: install what the package.xml files depend on; false: `apt` lists everything.
     """
@@ -90,7 +102,8 @@ class DockerfileOptions:
     env: Sequence[DockerfileVariable] = ()
     rosinstall: Sequence[str] = ()
     ros_image: str | None = None
-    docker_run: Sequence[str] = ()
+    docker_run: Sequence[str | DockerRun] = ()
+    python_requirements_files: Sequence[str] = ()
     username: str = "rigeluser"
     rosdep: bool = True
 
@@ -125,7 +138,8 @@ class DockerfileJob:
                 hint="set it to the directory of the sources, relative to the Rigelfile",
             )
         recipe = _recipe(options, job.application)
-        _check_rosinstall(recipe, directory)
+        _check_files("rosinstall", recipe.rosinstall, directory)
+        _check_files("python_requirements_files", recipe.python_requirements, directory)
         script = f"#!/bin/bash\n{_MARK_LINE}{entrypoint(recipe)}"
         files = {
             directory / DOCKERFILE: f"{_MARK_LINE}{dockerfile(recipe)}",
@@ -156,7 +170,8 @@ def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
         rosdep=options.rosdep,
         apt=tuple(package.strip("'\"") for package in options.apt),
         env=tuple((variable.name, text_of(variable.value)) for variable in options.env),
-        docker_run=tuple(options.docker_run),
+        docker_run=tuple(r if isinstance(r, str) else r.command for r in options.docker_run),
+        python_requirements=tuple(options.python_requirements_files),
         entrypoint=tuple(options.entrypoint),
         rosinstall=tuple(options.rosinstall),
         command=command if isinstance(command, str) else tuple(command),
@@ -237,11 +252,11 @@ def _fits(pattern: re.Pattern[str], text: str) -> bool:
     return has_template(text) or pattern.fullmatch(text) is not None
 
 
-def _check_rosinstall(recipe: Recipe, directory: Path) -> None:
-    for file in recipe.rosinstall:
+def _check_files(option: str, files: Sequence[str], directory: Path) -> None:
+    for file in files:
         if not (directory / file).is_file():
             raise UserError(
-                f"rosinstall: {directory} has no file {file}",
+                f"{option}: {directory} has no file {file}",
                 hint="write its path relative to the application's directory, all that docker sees",
             )
 

@@ -15,6 +15,7 @@ from rigel_k8s.jobs.types.dockerfile import (
     DockerfileJob,
     DockerfileOptions,
     DockerfileVariable,
+    DockerRun,
 )
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
@@ -129,8 +130,10 @@ def test_scalars_are_written_as_yaml_has_them(project: Project) -> None:
 
 def test_a_missing_rosinstall_file_is_told(project: Project) -> None:
     """The file is looked for before docker does, relative to the application's directory."""
-    with pytest.raises(UserError, match=r"no file deps\.rosinstall"):
+    with pytest.raises(UserError, match=r"rosinstall: .* no file deps\.rosinstall"):
         project.run(rosinstall=["deps.rosinstall"])
+    with pytest.raises(UserError, match=r"python_requirements_files: .* no file r\.txt"):
+        project.run(python_requirements_files=["r.txt"])
 
 
 def test_a_missing_directory_is_told(tmp_path: Path) -> None:
@@ -182,7 +185,8 @@ def test_all_of_rigels_options_pass() -> None:
         env=[DockerfileVariable("A", "b")],
         rosinstall=["a.rosinstall"],
         ros_image="{{ data.base }}",
-        docker_run=["echo 'x'"],
+        docker_run=["echo 'x'", DockerRun("echo y")],
+        python_requirements_files=["requirements.txt"],
         username="{{ data.user }}",
     )
     assert DockerfileJob().check(options, Application("noetic")) == []

@@ -84,7 +84,7 @@ UNIT = Phase(
     "unit",
     "Unit tests",
     "not cluster and not slow and not timing",
-    2,
+    3,
     repeats=False,
     in_memory=True,
 )

@@ -91,7 +91,7 @@ CASES: Mapping[str, Case] = {
     "a job's pods and a label": (
         ("j",),
         {("Job", "j"): invalid(TEMPLATE, LABEL)},
-        ["never changes a Job's pods", "metadata.labels: Invalid value: no label"],
+        ["spec.template: ", "metadata.labels: Invalid value: no label"],
     ),
     "a volume's path and a label": (
         ("v",),
@@ -190,13 +190,15 @@ WANTED = (
     make(
         "PersistentVolume", "v", spec={"capacity": {"storage": "1Gi"}, "hostPath": {"path": "/b"}}
     ),
-    make("Job", "j", spec={"template": {"spec": {"containers": []}}}),
+    make("Job", "j", spec={"template": {"metadata": {}, "spec": {"containers": []}}}),
 )
 BEFORE = {
     "talker": workload(image="app:0"),
     "data": store_claim("2Gi", "slow"),
     "v": make("PersistentVolume", "v", spec={"capacity": {"storage": "1Gi"}}),
-    "j": make("Job", "j", spec={"template": {"spec": {"containers": [{"name": "a"}]}}}),
+    "j": make(
+        "Job", "j", spec={"template": {"metadata": {}, "spec": {"containers": [{"name": "a"}]}}}
+    ),
 }
 
 

@@ -204,4 +204,4 @@ if __name__ == "__main__":  # all places where something else is raised, with a 
         except Exception as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
             seen.setdefault(f"{last.filename}:{last.lineno}", (number, repr(error)[:200]))
-    sys.exit("\n".join(f"{place} {found}" for place, found in seen.items()))
+    sys.exit("\n".join(f"{place} {found}" for place, found in seen.items()) or 0)

@@ -432,7 +432,7 @@ class FakeCluster:
             self.die_if_due()
             return stored
         if old is None:
-            new["metadata"]["uid"] = str(uuid.uuid4())
+            new["metadata"].setdefault("uid", str(uuid.uuid4()))
         else:
             new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
         return clone(new)

@@ -47,7 +47,7 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
     else:
         unchanged = substance(live) == substance(result)
     if ref.kind == "Job" and is_met(live.get("status") or {}, "Failed"):
-        return Step("change", ref, manifest, live, result or manifest, replaces=True)
+        return Step("change", ref, manifest, live, live if unchanged else result, replaces=True)
     if unchanged:
         return Step("keep", ref, manifest, live, live)
     replaces = result is not None and not result["metadata"].get("resourceVersion")

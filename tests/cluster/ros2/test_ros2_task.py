@@ -55,7 +55,7 @@ def test_a_task_from_its_first_run_to_its_end(
     """Its log stays, nothing misses it in the graph; what is unchanged and succeeded stays so."""
 
     def rigel(*words: str, code: int = 0) -> str:
-        done = rigel_as_deployer(*words, "-n", namespace, cwd=tmp_path, check=False)
+        done = rigel_as_deployer("-n", namespace, *words, cwd=tmp_path, check=False)
         assert done.returncode == code, done.stdout + done.stderr
         return str(done.stdout + done.stderr)
 
@@ -75,6 +75,8 @@ def test_a_task_from_its_first_run_to_its_end(
     uids.append(find_job(cluster, namespace)["uid"])
 
     write(tmp_path, ros2_image, "fail")
+    lines = [one for one in rigel("diff", "robot").splitlines() if one[:2] in ("+ ", "- ")]
+    assert [one.split() for one in lines] == [["+", "-", "fail"]]
     words = "container ros-node exited with code 1 (AssertionError: asked to fail"
     for _ in range(2):  # the second time nothing has changed, but that it has failed
         assert f"hears did not succeed: {words}" in rigel("run", "robot", code=1)

@@ -7,14 +7,18 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import RolloutFailed
+from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.difference import difference
+from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.restart import restart
+from rigel_k8s.release.rollout.readiness import readiness_without
 from rigel_k8s.release.rollout.standing import Standing
 from rigel_k8s.release.rollout.surroundings import look_around
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import DeployOptions
 from tests.support.controllers import Controllers, ended, running
-from tests.support.fake_cluster import FakeCluster
+from tests.support.fake_cluster import FakeCluster, make_refusal
 from tests.support.manifests import RELEASE, desired, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy, diff, down, rollback
@@ -82,8 +86,14 @@ def test_a_changed_one_ends_before_its_successor_begins(cluster: Any, machine: M
         pods.append(cluster.names("Pod")) if (verb, ref) == ("apply", JOB) else None
     )
     first = cluster.objects[JOB]["metadata"]["uid"]
-    [step] = diff(desired(task("app:2")), cluster).changes
+    plan = diff(desired(task("app:2")), cluster)
+    [step] = plan.changes
     assert (step.action, step.replaces) == ("change", True)
+    lines = difference(plan.steps).splitlines()
+    changed = [
+        line.split() for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")
+    ]
+    assert changed == [["-", "-", "image:", "app:1"], ["+", "-", "image:", "app:2"]]
     assert deploy(desired(task("app:2")), cluster, report=report).number == 2
     assert pods == [set()]
     assert cluster.objects[JOB]["metadata"]["uid"] != first
@@ -127,6 +137,31 @@ def test_a_failed_pod_is_no_end_before_the_job_says_so(cluster: Any, machine: Ma
     live["status"] = {"conditions": [{"type": "Failed", "status": "True", "message": "limit"}]}
     standing.look({JOB: live}, around, 0.0)
     assert [cause.kind for _, cause in standing.find_causes()] == ["failed"]
+
+
+def test_a_successor_that_is_refused_is_so_before_any_write(cluster: Any, machine: Machine) -> None:
+    """The old one stays, with its log."""
+    deploy(desired(task()), cluster, report=Recorder())
+    before = cluster.objects[JOB]["metadata"]["uid"]
+    refused = make_refusal("apply", 422, "Invalid", "no such field")
+
+    def refuse(live: dict[str, Any], dry_run: bool) -> Refusal | None:  # noqa: FBT001
+        image = live["kind"] == "Job" and live["spec"]["template"]["spec"]["containers"][0]["image"]
+        return refused if image == "app:2" and live["metadata"]["name"] != "spawn" else None
+
+    cluster.store.refuse = refuse
+    with pytest.raises(Refused, match="nothing was changed"):
+        deploy(desired(task("app:2")), cluster, report=Recorder())
+    assert cluster.objects[JOB]["metadata"]["uid"] == before
+
+
+def test_a_task_of_a_robot_that_is_away_is_not_waited_for() -> None:
+    """It runs when the machine is back, as its other nodes do."""
+    live = {**task(), "status": {"active": 1}}
+    for machine, done in (("robot", True), ("other", False)):
+        pod = {"metadata": {"name": "p"}, "spec": {"nodeName": machine}}
+        assert readiness_without(live, [pod], [pod], {"robot"}).done is done
+    assert not readiness_without(live, [], [], {"robot"}).done
 
 
 def test_one_that_takes_too_long_has_a_way_out(cluster: Any, machine: Machine) -> None:

@@ -27,6 +27,7 @@ from rigel_k8s.release.refusals.trials import (
     choose_trials,
     try_object,
     try_pod,
+    try_successor,
 )
 from rigel_k8s.release.types import Desired, Obstacle
 
@@ -103,7 +104,10 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     def try_one(manifest: Manifest) -> Live | Refusal:
         result = try_object(cluster, manifest, work.desired, adopt=adopt)
         if isinstance(result, Refusal) and replaces(manifest, work.live, result):
-            return dict(manifest)  # as new: the old one goes before
+            # As new: the old one goes before.
+            if manifest["kind"] == "Job":
+                return try_successor(cluster, manifest, work.live[ref_of(manifest)])
+            return dict(manifest)
         return result
 
     missing, obstacles, absent, *answers = cluster.gather(

@@ -8,6 +8,7 @@ applied. Each distinct template costs one request; an unchanged one costs none.
 from __future__ import annotations
 
 import json
+import uuid
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
@@ -148,6 +149,23 @@ def try_object(
         if not is_about_object(error):
             raise
         return error
+
+
+def try_successor(cluster: Cluster, manifest: Manifest, live: Manifest) -> Live | Refusal:
+    """Return a Job as it would be when the live one has gone, or why it would be refused.
+
+    It is tried under another name; by what Kubernetes derives from names and UIDs, both are alike.
+    """
+    meta = manifest["metadata"]
+    name = f"{meta['name'][:50]}-{uuid.uuid4().hex[:8]}"
+    try:
+        made = cluster.apply({**manifest, "metadata": {**meta, "name": name}}, dry_run=True)
+    except Refusal as error:
+        return error
+    text = json.dumps(made).replace(name, meta["name"])
+    found: Live = json.loads(text.replace(made["metadata"]["uid"], live["metadata"]["uid"]))
+    found["metadata"].pop("resourceVersion", None)
+    return found
 
 
 def assume_result(cluster: Cluster, manifest: Manifest) -> Live:

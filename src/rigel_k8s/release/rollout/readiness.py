@@ -96,6 +96,10 @@ def readiness_without(
     """
     state = readiness_among(live, newest, pods)
     settling = is_ending(live) or state.message == UNSEEN
+    if live["kind"] == "Job" and pods and not state.done and not settling:
+        if any(pod["spec"].get("nodeName") not in away for pod in pods):
+            return state
+        return good("waits for an unreachable machine", 0, state.wanted)
     if not away or state.done or settling or live["kind"] not in REPLICATED:
         return state
     lost = [pod["spec"]["nodeName"] for pod in pods if pod["spec"].get("nodeName") in away]

@@ -13,6 +13,7 @@ from typing import Any
 from rigel_k8s.rosgraph.drawing import NOWHERE, Picture, make_picture, write_dot
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui.feed import Entries
+from rigel_k8s.ui.nodes import DONE, WELL
 
 #: What has room in each box and topic: the words of a state, and any rate.
 WORDS, RATE = "machine unreachable", 9999.0
@@ -79,6 +80,20 @@ def make_topics(graph: RosGraph, picture: Picture) -> Entries:
             "lost": [],
         }
         for pill in picture.pills
+    }
+
+
+def list_away(nodes: Mapping[str, Mapping[str, Any]], present: Collection[str]) -> set[str]:
+    """Return the names of nodes that are expected back; one that ran once is not.
+
+    Args:
+        nodes: the entries of the release's nodes, by workload.
+        present: the names of nodes that have topics now.
+    """
+    return {
+        node["name"]
+        for node in nodes.values()
+        if node["state"] != DONE and (node["state"] not in WELL or node["name"] not in present)
     }
 
 

@@ -12,9 +12,8 @@ from rigel_k8s.commands.rosgraph import LiveGraph, picture_of
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
+from rigel_k8s.ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from rigel_k8s.ui.feed import Entries, Feed
-from rigel_k8s.ui.nodes import DONE, READY, STOPPED
 from rigel_k8s.ui.rates import add_rates
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
@@ -96,12 +95,7 @@ class GraphReader:
             present = {
                 name for topic in graph.topics for name in (*topic.publishers, *topic.subscribers)
             }
-            away = {
-                node["name"]
-                for node in nodes.values()
-                if node["state"] != DONE
-                and (node["state"] not in (READY, STOPPED) or node["name"] not in present)
-            }
+            away = list_away(nodes, present)
             topics = keep_lost(topics, make_topics(graph, picture), away)
         self._feed.publish("box", boxes)
         self._feed.publish("topic", topics)

@@ -80,6 +80,7 @@ def test_a_deploy_waits_for_its_end_and_runs_it_once(cluster: Any, machine: Mach
 def test_a_changed_one_ends_before_its_successor_begins(cluster: Any, machine: Machine) -> None:
     """Kubernetes never changes the pods of a Job; a rollback runs the older one."""
     report = Recorder()
+    cluster.store.controllers = Controllers(machine, ending={"spawn": 9})
     deploy(desired(task()), cluster, report=report)
     pods: list[set[str]] = []
     cluster.store.before = lambda verb, ref: (

@@ -7,7 +7,7 @@ from typing import Any
 from rigel_k8s.rosgraph.drawing import make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
-from rigel_k8s.ui.boxes import describe, keep_lost, make_boxes, make_topics
+from rigel_k8s.ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from tests.support.page import node
 
 TALKER = GraphNode("/talker", "robot", "talker-1", "talker")
@@ -120,3 +120,10 @@ def test_the_dot_is_that_of_the_graph_and_does_not_change_with_states() -> None:
     slower = {key: {**topic, "rate": "1.0/s", "bad": True} for key, topic in topics.items()}
     assert describe(boxes(nodes, graph), slower) == calm
     assert describe(boxes(nodes[1:], RosGraph((LISTENER,))), topics) != calm
+
+
+def test_a_task_that_is_done_is_not_expected_back() -> None:
+    """Its topics go with it; those of a node that crashes, or has not registered yet, stay."""
+    states = {"/a": "ready", "/b": "crashed", "/once": "done", "/late": "ready", "/runs": "ready"}
+    entries = {name: node(name, state) for name, state in states.items()}
+    assert list_away(entries, {"/a", "/b", "/runs"}) == {"/b", "/late"}

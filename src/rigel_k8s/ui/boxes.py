@@ -13,7 +13,7 @@ from typing import Any
 from rigel_k8s.rosgraph.drawing import NOWHERE, Picture, make_picture, write_dot
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui.feed import Entries
-from rigel_k8s.ui.nodes import DONE, WELL
+from rigel_k8s.ui.nodes import DONE, is_well
 
 #: What has room in each box and topic: the words of a state, and any rate.
 WORDS, RATE = "machine unreachable", 9999.0
@@ -93,7 +93,7 @@ def list_away(nodes: Mapping[str, Mapping[str, Any]], present: Collection[str]) 
     return {
         node["name"]
         for node in nodes.values()
-        if node["state"] != DONE and (node["state"] not in WELL or node["name"] not in present)
+        if node["state"] != DONE and (not is_well(node) or node["name"] not in present)
     }
 
 

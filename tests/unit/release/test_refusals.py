@@ -197,7 +197,12 @@ BEFORE = {
     "data": store_claim("2Gi", "slow"),
     "v": make("PersistentVolume", "v", spec={"capacity": {"storage": "1Gi"}}),
     "j": make(
-        "Job", "j", spec={"template": {"metadata": {}, "spec": {"containers": [{"name": "a"}]}}}
+        "Job",
+        "j",
+        spec={
+            "suspend": True,
+            "template": {"metadata": {}, "spec": {"containers": [{"name": "a"}]}},
+        },
     ),
 }
 

@@ -24,16 +24,15 @@ from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import locking, record, removal, revisions, rollback
-from rigel_k8s.release.apply import Applier
+from rigel_k8s.release.apply import Applier, make_namespace
 from rigel_k8s.release.labelling import manifests_to_apply
 from rigel_k8s.release.look import look, look_again, look_at, refuse_or_plan
 from rigel_k8s.release.part import Look, Part, Run, order
 from rigel_k8s.release.plan import describe_plan, predecessors
 from rigel_k8s.release.pulling import pull_images
-from rigel_k8s.release.refusals.admission import warn_of_obstacles
+from rigel_k8s.release.refusals.verdict import warn_of_obstacles
 from rigel_k8s.release.rollout.wait import wait, wait_settled
 from rigel_k8s.release.types import DeployOptions, Desired, Plan, ReleaseId, Revision
-from rigel_k8s.release.writing import make_namespace
 
 
 def render(parts: Iterable[Part]) -> tuple[Manifest, ...]:

@@ -15,7 +15,7 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.rigelfile.limits import MOST_BYTES
-from rigel_k8s.system.proxy import environment_proxy, is_loopback
+from rigel_k8s.system.tls import environment_proxy, is_loopback
 
 if TYPE_CHECKING:
     import ssl

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ConflictError, NotFoundError
-from rigel_k8s.kube.conditions import NOTHING, this_object, this_state
 from rigel_k8s.kube.failures import Conflict, Refusal
+from rigel_k8s.kube.store import NOTHING, this_object, this_state
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.ownership import covers, find_owned_fields, managers, take_over
+from rigel_k8s.release.labelling import covers, find_owned_fields, managers, take_over
 
 from .until import until
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.kube.conditions import ANYTHING, Onto
 from rigel_k8s.kube.failures import Missing, Refusal, refusal
 from rigel_k8s.kube.resources import Resource, built_in
+from rigel_k8s.kube.store import ANYTHING, Onto
 from rigel_k8s.kube.watching import WatchEvent, label_selector
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.objects.rights import Right

@@ -13,8 +13,7 @@ import attrs
 
 from rigel_k8s.commands.logs.lines import LogLine
 from rigel_k8s.ui.boxes import describe
-from rigel_k8s.ui.changes import Changes, Rollback
-from rigel_k8s.ui.feed import Feed
+from rigel_k8s.ui.feed import Changes, Feed, Rollback
 from rigel_k8s.ui.logs import LogHub, Read
 from rigel_k8s.ui.nodes import STATES
 from rigel_k8s.ui.readings import Read as ReadOnce

@@ -14,7 +14,7 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.scalars import ImageRef
 from rigel_k8s.observability.desired import desired_stack
-from rigel_k8s.observability.request import request_of
+from rigel_k8s.observability.options import request_of
 from rigel_k8s.pinning import pin
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from tests.support.fake_cluster import FakeCluster

@@ -13,9 +13,9 @@ import attrs
 
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.naming import object_name, selector
+from rigel_k8s.objects.overlay import list_mappings, pod_of
 from rigel_k8s.objects.podoptions import RollingUpdate
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.objects.raw import list_mappings, pod_of
 from rigel_k8s.objects.workloads import ReleaseContext
 
 #: A directory for each container, in memory: a robot's disk is not written, and none survives.

@@ -17,7 +17,7 @@ from rigel_k8s.app.addednode import show_all_topics, take_out
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.podoptions import Placement, Toleration
 from rigel_k8s.objects.pods import SCRIPTS_PATH
-from rigel_k8s.objects.quantities import format_quantity, parse_quantity
+from rigel_k8s.objects.resources import format_quantity, parse_quantity
 from rigel_k8s.objects.scalars import (
     Duration,
     ImageRef,

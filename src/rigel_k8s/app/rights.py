@@ -1,7 +1,7 @@
 """Which rights people need: to deploy applications in a namespace, to view them, or to install.
 
 They are in rights.yaml. `rigel rbac` prints them as roles, and `rigel doctor` asks a cluster for
-them. A deploy's own check (`release/refusals/rights.py`) tests the part that this deploy needs.
+them. A deploy's own check (`release/refusals/missing.py`) tests the part that this deploy needs.
 """
 
 from __future__ import annotations

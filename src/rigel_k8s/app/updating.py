@@ -11,9 +11,9 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.volumes import device_of, mount_of
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
+from rigel_k8s.objects.overlay import containers_of, list_mappings, mapping, pod_of
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.objects.raw import containers_of, list_mappings, mapping, pod_of
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 

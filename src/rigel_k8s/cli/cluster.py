@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
-from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import WARNING
 from rigel_k8s.cli.words import Group, choose_reporter, json_option, print_json
 from rigel_k8s.objects.text import plural
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import WARNING
 from rigel_k8s.cli.words import json_option, print_json, settings
 from rigel_k8s.problems import Problem
 

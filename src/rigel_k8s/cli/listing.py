@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import WARNING
 from rigel_k8s.cli.words import is_quiet, json_option, namespace_option, print_json, settings
 from rigel_k8s.release.listing import ReleaseSummary
 

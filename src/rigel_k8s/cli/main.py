@@ -18,8 +18,7 @@ from typing import Any, NoReturn
 import click
 
 from rigel_k8s import __version__, signals
-from rigel_k8s.cli.colors import choose_color
-from rigel_k8s.cli.width import find_width, wrap
+from rigel_k8s.cli.width import choose_color, find_width, wrap
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 
 INTERRUPTED = 130

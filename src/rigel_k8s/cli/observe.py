@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
-from rigel_k8s.cli.colors import WARNING
+from rigel_k8s.cli.width import WARNING
 from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, print_json, settings
 from rigel_k8s.objects.text import plural
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from rigel_k8s.cli.colors import name_style
+from rigel_k8s.cli.width import name_style
 from rigel_k8s.cli.words import Timeout, complete_node, namespace_option, release_option, settings
 from rigel_k8s.commands.logs.lines import LogLine, LogOptions, stamp
 from rigel_k8s.observability.names import LEVELS

@@ -15,8 +15,7 @@ from typing import Any
 import click
 
 from rigel_k8s import signals
-from rigel_k8s.cli.colors import WARNING, is_dumb
-from rigel_k8s.cli.width import shorten
+from rigel_k8s.cli.width import WARNING, is_dumb, shorten
 
 
 class Lines:

@@ -6,8 +6,7 @@ import sys
 
 import click
 
-from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.width import find_width, wrap
+from rigel_k8s.cli.width import WARNING, find_width, wrap
 from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
 from rigel_k8s.objects.text import plural
 

@@ -12,9 +12,8 @@ from urllib.parse import urlsplit
 import attrs
 import click
 
-from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.tables import age, seconds_since, table
-from rigel_k8s.cli.width import wrap
+from rigel_k8s.cli.width import WARNING, wrap
 from rigel_k8s.cli.words import (
     json_option,
     namespace_option,
@@ -27,7 +26,7 @@ from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
-from rigel_k8s.rosgraph.handover import GateStatus
+from rigel_k8s.rosgraph.types import GateStatus
 
 if TYPE_CHECKING:
     from rigel_k8s.rosgraph.expectations import Verdict

@@ -16,7 +16,7 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release import restart as restarts
+from rigel_k8s.release import development as restarts
 from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import compare_objects, difference
 from rigel_k8s.release.hiding import hide

@@ -24,8 +24,8 @@ from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
 from rigel_k8s.rosgraph import clocks
-from rigel_k8s.rosgraph.handover import GateStatus
 from rigel_k8s.rosgraph.ros1 import read_gate
+from rigel_k8s.rosgraph.types import GateStatus
 from rigel_k8s.settings import Settings
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.objects.quantities import parse_quantity
+from rigel_k8s.objects.resources import parse_quantity
 from rigel_k8s.observability.names import PROMETHEUS
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, explain, part_of

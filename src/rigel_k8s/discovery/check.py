@@ -19,7 +19,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.rollout.causes import explain_pod
-from rigel_k8s.release.rollout.crashes import count_crashes
+from rigel_k8s.release.rollout.standing import count_crashes
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 

@@ -13,8 +13,8 @@ from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
 from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import denies_ros
+from rigel_k8s.objects.overlay import parse_json
 from rigel_k8s.objects.podnodes import shared_pod, split_all
-from rigel_k8s.objects.raw import parse_json
 from rigel_k8s.ros import BY_NAME, ROS_1, Ros
 
 #: Variables that a user may set in a pod without `network`: then discovery does not use multicast.

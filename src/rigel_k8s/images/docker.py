@@ -12,9 +12,8 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.image_reference import DOCKER_HUB
-from rigel_k8s.images.buildargs import pass_on
 from rigel_k8s.images.credentials import docker_config
-from rigel_k8s.images.engine import Build, Session
+from rigel_k8s.images.engine import Build, Session, pass_on
 from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps

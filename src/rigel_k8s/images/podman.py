@@ -16,9 +16,8 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
-from rigel_k8s.images.buildargs import mark, pass_on
 from rigel_k8s.images.credentials import docker_config, is_loopback
-from rigel_k8s.images.engine import Build, Session
+from rigel_k8s.images.engine import Build, Session, mark, pass_on
 from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps

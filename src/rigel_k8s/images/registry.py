@@ -27,8 +27,8 @@ from rigel_k8s.images.credentials import (
     is_loopback,
     is_private,
 )
-from rigel_k8s.system.proxy import environment_proxy
 from rigel_k8s.system.threads import parallel
+from rigel_k8s.system.tls import environment_proxy
 
 if TYPE_CHECKING:
     import urllib3

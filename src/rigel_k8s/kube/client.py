@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from rigel_k8s.kube.answers import parse, read_kinds, read_object
+from rigel_k8s.kube.connections import Stream
 from rigel_k8s.kube.failures import Conflict, Garbled, Missing, garbled_error, refusal
 from rigel_k8s.kube.resources import ApiResources, Resource, path
-from rigel_k8s.kube.streams import Stream
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.transport import Answer, Transport
 from rigel_k8s.objects.refs import ObjectRef

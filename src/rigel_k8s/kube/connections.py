@@ -5,24 +5,31 @@ Threads share the pool for requests; a stream or a websocket gets a connection o
 
 from __future__ import annotations
 
+import http.client
 import os
 import socket
 import ssl
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import SplitResult, unquote, urlsplit
 
 import urllib3
 from urllib3.connection import HTTPConnection, HTTPSConnection
-from urllib3.exceptions import InsecureRequestWarning
+from urllib3.exceptions import (
+    ConnectTimeoutError,
+    HTTPError,
+    InsecureRequestWarning,
+    NewConnectionError,
+    ProxyError,
+)
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.kube.losses import BROKEN
 from rigel_k8s.kube.target import Credentials, Target
-from rigel_k8s.system.proxy import proxy_for
-from rigel_k8s.system.tls import trust
+from rigel_k8s.system.tls import proxy_for, trust
 
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
@@ -151,3 +158,76 @@ def proxy_headers(proxy: SplitResult) -> dict[str, str]:
         return {}
     pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}"
     return dict(urllib3.make_headers(proxy_basic_auth=pair))
+
+
+BLOCK = 32 * 1024
+
+
+class Stream:
+    """An endless answer: read its lines, abort it from any thread.
+
+    Attributes:
+        aborted: we have ended it.
+        ended: the server has ended it, after its last byte.
+    """
+
+    def __init__(
+        self, connection: HTTPConnection, response: urllib3.BaseHTTPResponse, sock: socket.socket
+    ):
+        self.connection, self.response, self.socket = connection, response, sock
+        self.aborted = self.ended = False
+
+    def lines(self) -> Iterator[bytes]:
+        """Yield lines without their end until the server or `abort` ends the stream."""
+        rest = b""
+        try:
+            while block := self.response.read1(BLOCK):
+                *whole, rest = (rest + block).split(b"\n")
+                for line in whole:
+                    if self.aborted:
+                        return
+                    yield line.rstrip(b"\r")
+            self.ended = not self.aborted
+            if rest and self.ended:
+                yield rest
+        except (*BROKEN, ValueError, AttributeError):
+            return  # aborted, or the connection broke: the caller decides what was still to come
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        """End the stream; a thread that reads it returns."""
+        self.aborted = True
+        with suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
+        with suppress(OSError, ValueError, AttributeError):  # a reader may close it at this moment
+            self.connection.close()
+
+
+#: The errors of an exchange that ends without an answer.
+BROKEN = (HTTPError, http.client.HTTPException, OSError)
+
+
+def is_sent(error: BaseException) -> bool:
+    """Whether the server may have received a request that broke: the connection existed before."""
+    return not isinstance(error, (NewConnectionError, ConnectTimeoutError, ProxyError))
+
+
+def is_untrusted(error: BaseException) -> bool:
+    """Whether a server showed a certificate that is not trusted: it will show the same again."""
+    return isinstance(cause_of(error), ssl.SSLCertVerificationError)
+
+
+def reason_of(error: BaseException) -> str:
+    """Return why no answer came, in the words of the innermost error."""
+    cause = cause_of(error)
+    if isinstance(cause, ssl.SSLCertVerificationError):
+        return f"its certificate is not trusted: {cause.verify_message}"
+    return getattr(cause, "strerror", None) or str(cause) or type(cause).__name__
+
+
+def cause_of(error: BaseException) -> BaseException:
+    """Return the innermost error: urllib3 wraps it in text about its own pools and retries."""
+    inner = (getattr(error, "reason", None), *reversed(error.args), error.__cause__)
+    found = next((one for one in inner if isinstance(one, BaseException)), None)
+    return error if found is None else cause_of(found)

@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
+import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from io import BytesIO
 from typing import Any, BinaryIO
@@ -21,7 +23,6 @@ import attrs
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.resources import path
-from rigel_k8s.kube.terminal import Terminal
 from rigel_k8s.kube.websocket import Websocket, connect
 
 STDIN, STDOUT, STDERR, RESULT, RESIZE, CLOSE = 0, 1, 2, 3, 4, 255
@@ -199,3 +200,44 @@ def exit_code(result: bytes | None, namespace: str, pod: str) -> int:
         if cause.get("reason") == "ExitCode":
             return int(cause["message"])
     raise ClusterError(f"cannot run the command in {where}: {status.get('message')}")
+
+
+class Terminal:
+    """A terminal in raw mode: keys are passed to the command unread, its size is reported.
+
+    Used as a context, which restores the terminal's own mode.
+    """
+
+    def __init__(self, stream: BinaryIO, resized: Callable[[os.terminal_size], None]):
+        self.number = stream.fileno()
+        self.resized = resized
+        self.mode: list[Any] | None = None
+        self.handler: Any = None
+
+    def __enter__(self) -> Terminal:
+        if os.isatty(self.number) and sys.platform != "win32":
+            import termios
+            import tty
+
+            self.mode = termios.tcgetattr(self.number)
+            tty.setraw(self.number)
+            self.follow_size()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.mode is not None and sys.platform != "win32":
+            import termios
+
+            termios.tcsetattr(self.number, termios.TCSADRAIN, self.mode)
+        if self.handler is not None:
+            signal.signal(signal.SIGWINCH, self.handler)
+
+    def follow_size(self) -> None:
+        """Report the size now and whenever it changes."""
+        self.report_size()
+        if threading.current_thread() is threading.main_thread():
+            self.handler = signal.signal(signal.SIGWINCH, lambda *_: self.report_size())
+
+    def report_size(self) -> None:
+        """Report the size now."""
+        self.resized(os.get_terminal_size(self.number))

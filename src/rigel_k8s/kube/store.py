@@ -5,14 +5,45 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
+import attrs
+
 from rigel_k8s.kube.answers import read_deleted, read_list, read_object, read_review
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.watching import label_selector
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+
+
+@attrs.frozen
+class Onto:
+    """What must exist: metadata that the API server compares."""
+
+    metadata: Mapping[str, str] = attrs.field(factory=dict)
+
+
+ANYTHING = Onto()
+NOTHING = Onto({"resourceVersion": "1"})
+
+
+def this_object(live: Manifest) -> Onto:
+    """Return the condition that the object with this UID still exists, in any state."""
+    return Onto({"uid": live["metadata"]["uid"]})
+
+
+def this_state(live: Manifest) -> Onto:
+    """Return the condition that an object has not changed at all, not even its status."""
+    meta = live["metadata"]
+    return Onto({"uid": meta["uid"], "resourceVersion": meta["resourceVersion"]})
+
+
+def another_object_error(error: Refusal) -> Conflict:
+    """Return the error for a 422 about the UID: another object has the name now."""
+    conflict = Conflict(error.message, hint=error.hint, details=error.details)
+    conflict.status, conflict.reason = 409, "Conflict"
+    return conflict
+
 
 PAGE = 500
 DELETES = 3  # attempts to delete an object that others write at the same moment

@@ -14,7 +14,7 @@ from typing import Any
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
-from rigel_k8s.objects.raw import parse_json
+from rigel_k8s.objects.overlay import parse_json
 
 
 class Pool:

@@ -6,11 +6,20 @@ without its interface. It runs the pod's own image and needs only a shell.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
-from rigel_k8s.network.dds import FILES_PATH
+import attrs
+
+from rigel_k8s.network.dds import (
+    FILES_PATH,
+    fastdds_profiles,
+    fastdds_variables,
+    reads_transports,
+    transports,
+    uses,
+)
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
@@ -107,3 +116,18 @@ def render_at_start(
 def mount() -> Object:
     """Return the mount of the files in the ROS container."""
     return {"name": VOLUME, "mountPath": FILES_PATH, "readOnly": True}
+
+
+def wire_neighbor(plan: NetworkPlan, pod: PodIdentity) -> Wiring:
+    """Return what a pod on its machine's network gets."""
+    if not uses(plan, "fastdds"):
+        return Wiring()
+    if reads_transports(plan):
+        return Wiring(env=transports(plan, pod))
+    return attrs.evolve(mount_files(plan), env=fastdds_variables(plan, pod))
+
+
+def neighbor_files(plan: NetworkPlan) -> Iterator[Object]:
+    """Yield the ConfigMap with the profile, if these pods need it."""
+    if uses(plan, "fastdds") and not reads_transports(plan):
+        yield files_config(plan, fastdds_profiles(plan))

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.raw import list_mappings, parse_json
+from rigel_k8s.objects.overlay import list_mappings, parse_json
 from rigel_k8s.ros import Ros
 
 Object = dict[str, Any]

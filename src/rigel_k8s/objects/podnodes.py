@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.objects.marks import NAME_LABEL
-from rigel_k8s.objects.raw import parse_json
+from rigel_k8s.objects.overlay import parse_json
 from rigel_k8s.objects.refs import Manifest
 
 #: On a Deployment and its pods that have several nodes: the notes of each, by its container.

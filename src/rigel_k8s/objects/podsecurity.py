@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.objects.raw import mapping
+from rigel_k8s.objects.overlay import mapping
 
 Path = tuple[str | int, ...]
 Violation = tuple[Path, str]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from decimal import Decimal
 
 import attrs
 
 from rigel_k8s.objects.fields import option
-from rigel_k8s.objects.quantities import SUFFIXES, parse_quantity
 from rigel_k8s.objects.scalars import LabelKey, Quantity
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
@@ -49,3 +49,33 @@ def explain_few_bytes(memory: Quantity | None) -> str | None:
         return None
     number = re.sub(r"[a-zA-Z].*|\+", "", memory)
     return f"{memory} is {parse_quantity(memory).normalize():f} bytes: did you mean {number}Mi?"
+
+
+#: The factor of each suffix; longer suffixes are tried first.
+SUFFIXES = {
+    **{f"{letter}i": Decimal(1024) ** power for power, letter in enumerate("KMGTPE", 1)},
+    **{letter: Decimal(1000) ** power for power, letter in enumerate("kMGTPE", 1)},
+    "n": Decimal("1e-9"),
+    "u": Decimal("1e-6"),
+    "m": Decimal("1e-3"),
+}
+
+
+def parse_quantity(text: object) -> Decimal:
+    """Return a quantity's value; exact, so that 3 times 0.1 is 0.3."""
+    written = str(text)
+    for suffix, factor in SUFFIXES.items():
+        if written.endswith(suffix):
+            return Decimal(written[: -len(suffix)]) * factor
+    return Decimal(written)
+
+
+def format_quantity(value: Decimal) -> str:
+    """Return a value as a person writes it: 1500Mi, 250m, 3."""
+    if value == value.to_integral_value():
+        whole = int(value)
+        for suffix in ("Gi", "Mi", "Ki"):
+            if whole >= SUFFIXES[suffix] and whole % int(SUFFIXES[suffix]) == 0:
+                return f"{whole // int(SUFFIXES[suffix])}{suffix}"
+        return str(whole)
+    return f"{(value * 1000).normalize():f}m"

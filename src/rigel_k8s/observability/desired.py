@@ -20,10 +20,9 @@ from rigel_k8s.observability.checks import check
 from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
-from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.options import ObservabilityOptions, StackRequest
 from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.stack import find_namespace
-from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.pinning import pin
 from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId

@@ -11,14 +11,14 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.observability.desired import desired_stack, render_stack
-from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
+from rigel_k8s.observability.manifests.scraping import GROUP_VERSION, KINDS
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.options import StackRequest
 from rigel_k8s.observability.password import ensure_administrator
-from rigel_k8s.observability.request import StackRequest
+from rigel_k8s.release.apply import make_namespace
 from rigel_k8s.release.part import Hooks, Inspection, Look, Part, Run, if_allowed
 from rigel_k8s.release.types import Revision
-from rigel_k8s.release.writing import make_namespace
 from rigel_k8s.report import Reporter
 
 #: Seconds in which a machine can pull all images of the stack.

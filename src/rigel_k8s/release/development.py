@@ -2,25 +2,27 @@
 
 Both changes are server-side applies of all that is ours, so the next apply of the revision removes
 what is left of a process that was killed in between. The Lease is held for each of the two alone.
+
+A restart, new pods of workloads that stay as they are, is here as well.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from datetime import datetime, timezone
 
 import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION
+from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, RESTARTED_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.labelling import add_hash, hash_of
-from rigel_k8s.release.lease import PROCESS, is_alive, process
-from rigel_k8s.release.locking import Held, hold
+from rigel_k8s.release.locking import PROCESS, Held, hold, is_alive, process
 from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.wait import wait
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision, Step
@@ -135,3 +137,33 @@ def find_manifest(
             if ref_of(manifest) == ref:
                 return revision, manifest
     raise UserError(f"no revision of {release.name} has {ref}", hint="deploy it with `rigel run`")
+
+
+def restart(
+    cluster: Cluster, release: ReleaseId, workloads: Iterable[ObjectRef], options: DeployOptions
+) -> None:
+    """Replace the pods of some workloads of a release, each as in an update; wait for them.
+
+    A Job is made again, and so runs again. The note that restarts others stays in a deploy, which
+    therefore does not restart them again.
+
+    Raises:
+        RolloutFailed: a new pod does not become ready.
+        Interrupted: `options.cancel` was set.
+        ClusterError: the cluster refused, does not answer, or a deploy is in progress.
+    """
+    when = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    noted = {"spec": {"template": {"metadata": {"annotations": {RESTARTED_ANNOTATION: when}}}}}
+    with hold(cluster, release, options) as lease:
+        changed = []
+        for ref in workloads:
+            lease.confirm()
+            if ref.kind == "Job":
+                _, job = find_manifest(cluster, release, ref)
+                run = Run.of_objects(cluster, release, options, job)
+                step = Step("change", ref, job, cluster.get(ref), replaces=True)
+                changed.append(Applier(run, confirm=lease.confirm).write(step))
+                continue
+            changed.append(cluster.patch(ref, noted))
+        run = Run.of_objects(cluster, release, options, *changed)
+        wait(run, changed, revisions.find_good(revisions.records(cluster, release)), lease.check)

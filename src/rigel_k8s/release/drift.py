@@ -15,7 +15,7 @@ import attrs
 
 from rigel_k8s.objects.marks import FIELD_MANAGER, RESTARTED_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.ownership import find_owned_fields, is_other_tool, names_item
+from rigel_k8s.release.labelling import find_owned_fields, is_other_tool, names_item
 
 RESTARTED = f"f:{RESTARTED_ANNOTATION}"
 #: A reader knows without it where `env FOO` and `image` are.

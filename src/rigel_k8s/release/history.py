@@ -13,8 +13,8 @@ from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
 from rigel_k8s.release.hiding import hide
-from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.revisions import BY, CREATED, DAMAGES, DESCRIPTION, Record, find_good
+from rigel_k8s.release.types import WORKLOADS
 
 #: The key of a volume that has its files: (mode, content) by path.
 FILES = "files"

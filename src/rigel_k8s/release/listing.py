@@ -15,11 +15,10 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.release.order import RUNNING
-from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.labelling import is_applied
 from rigel_k8s.release.revisions import CREATED, DESCRIPTION, OF, STATUS, VERSION, number_of
 from rigel_k8s.release.rollout.readiness import readiness
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.types import RUNNING, ReleaseId
 
 Live = Mapping[str, Any]
 DAMAGED = "damaged"

@@ -9,9 +9,8 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.facts import is_met
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.release.order import PROTECTED, WORKLOADS, rank
 from rigel_k8s.release.survey import Live, Survey, belongs, describe_namespace, is_unchanged
-from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
+from rigel_k8s.release.types import PROTECTED, WORKLOADS, InventoryItem, Plan, ReleaseId, Step, rank
 
 #: What changes without us, and what does not describe the object.
 NOISE = ("managedFields", "resourceVersion", "generation", "uid", "creationTimestamp", "selfLink")

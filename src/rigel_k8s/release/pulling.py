@@ -26,7 +26,7 @@ from rigel_k8s.kube.failures import Conflict, Forbidden, Refusal
 from rigel_k8s.objects.facts import is_ready, stays_ready
 from rigel_k8s.objects.images import containers, images_of, list_loaded
 from rigel_k8s.objects.marks import PULL_LABEL, RELEASE_LABEL, image_remedy_of, is_optional
-from rigel_k8s.objects.raw import mapping, pod_of
+from rigel_k8s.objects.overlay import mapping, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.scheduling import may_run
 from rigel_k8s.release.part import Run

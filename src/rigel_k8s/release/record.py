@@ -15,7 +15,8 @@ import attrs
 from rigel_k8s import __version__
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.release import lease, revisions
+from rigel_k8s.release import locking as lease
+from rigel_k8s.release import revisions
 from rigel_k8s.release.part import Look, Run
 from rigel_k8s.release.survey import namespace_ref
 from rigel_k8s.release.types import InventoryItem, Plan, Revision

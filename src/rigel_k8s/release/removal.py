@@ -14,12 +14,11 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
-from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.order import RUNNING
-from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.labelling import is_applied
+from rigel_k8s.release.locking import lease_ref
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.survey import belongs, namespace_ref
-from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId
+from rigel_k8s.release.types import RUNNING, InventoryItem, Plan, ReleaseId
 
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.

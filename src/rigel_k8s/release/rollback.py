@@ -12,7 +12,7 @@ from typing import TypeAlias, TypeVar
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.release import revisions
-from rigel_k8s.release.lease import is_alive, lease_ref
+from rigel_k8s.release.locking import is_alive, lease_ref
 from rigel_k8s.release.part import Run, WayBack
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter

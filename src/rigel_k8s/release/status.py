@@ -18,8 +18,7 @@ from rigel_k8s.objects.podnodes import shared_pod, split
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.drift import describe_drift, describe_halt
-from rigel_k8s.release.order import RUNNING, WORKLOADS
-from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.labelling import is_applied
 from rigel_k8s.release.rollout.causes import (
     NOT_RUN,
     Cause,
@@ -30,9 +29,9 @@ from rigel_k8s.release.rollout.causes import (
     probe_failure,
 )
 from rigel_k8s.release.rollout.readiness import readiness, readiness_among
-from rigel_k8s.release.rollout.surroundings import Surroundings, look_around
+from rigel_k8s.release.rollout.view import Surroundings, look_around
 from rigel_k8s.release.survey import belongs
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.types import RUNNING, WORKLOADS, ReleaseId
 
 Live = dict[str, Any]
 #: The end of a probe's message, with which it names the kind of failure for programs.

@@ -20,10 +20,8 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.drift import find_drift, remove_drift
-from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
-from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.order import PROTECTED
-from rigel_k8s.release.ownership import covers
+from rigel_k8s.release.labelling import NAMESPACE_ANNOTATION, covers, hash_of, manifests_to_apply
+from rigel_k8s.release.locking import lease_ref
 from rigel_k8s.release.refusals.foresight import (
     Foreseen,
     Work,
@@ -31,7 +29,7 @@ from rigel_k8s.release.refusals.foresight import (
 )
 from rigel_k8s.release.refusals.missing import listing_missing_rights, naming_remedy
 from rigel_k8s.release.revisions import Record, records
-from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
+from rigel_k8s.release.types import PROTECTED, Desired, InventoryItem, ReleaseId, Revision
 
 Live = dict[str, Any]
 

@@ -13,6 +13,7 @@ from rigel_k8s.rigelfile.findings import (
     problems_error,
     render,
 )
+from rigel_k8s.rigelfile.grammar import render_starter
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.options import (
     merge_options,
@@ -21,7 +22,6 @@ from rigel_k8s.rigelfile.options import (
 )
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
-from rigel_k8s.rigelfile.starter import render_starter
 from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure, structure_plain
 
 __all__ = [

@@ -6,7 +6,9 @@ Sections and their entries are checked one by one: a fault in one does not hide 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from pathlib import Path as FilePath
+from string import Template
 from typing import Any
 
 import attrs
@@ -178,3 +180,9 @@ class _Reader:
 
     def _report(self, path: Path, message: str, kind: str) -> None:
         self.findings.append(place(self._root, Problem(path, message, kind)))
+
+
+def render_starter(words: Mapping[str, str]) -> str:
+    """Return the Rigelfile with the words of a generation of ROS."""
+    text = (files(__package__) / "starter.Rigelfile").read_text("utf-8")
+    return Template(text).substitute(words)

@@ -15,7 +15,6 @@ import attrs
 
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
-from rigel_k8s.rigelfile.ended import find_replacement
 from rigel_k8s.rigelfile.expansion import list_added_fields
 from rigel_k8s.rigelfile.fields import (
     Field,
@@ -31,15 +30,17 @@ from rigel_k8s.rigelfile.fields import (
 from rigel_k8s.rigelfile.findings import find_nearest, suggest
 from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
 from rigel_k8s.rigelfile.numbers import keep_text
-from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
-from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
-from rigel_k8s.rigelfile.unions import (
+from rigel_k8s.rigelfile.scalars import (
+    Mismatch,
     choose_by_keys,
     find_ambiguity,
     find_candidates,
     is_a,
     is_yes_or_no,
+    mismatch,
+    scalar,
 )
+from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
 
 T = TypeVar("T")
 _UNKNOWN: Any = object()
@@ -369,3 +370,29 @@ class _Structurer:
         self.problems += near.problems
         self.doubts.include(near.doubts)
         return _UNKNOWN
+
+
+WITHOUT_DHCP = "use `whereabouts` or `static` with a range that your DHCP server does not give out"
+ALLOY = "use `otel-collector`"
+
+#: Paths from a job's options, "*" for any key; a value is the last step of its path.
+ENDED: Mapping[tuple[str, ...], str] = {
+    ("network", "ipvlan"): "use `macvlan`",
+    ("network", "mode", "ipvlan"): "use `macvlan`",
+    ("network", "ipam", "dhcp"): WITHOUT_DHCP,
+    ("network", "install", "dhcp"): "remove it (nothing takes addresses from DHCP any more)",
+    ("observability", "collector", "alloy"): ALLOY,
+    ("observability", "alloy"): ALLOY,
+    ("collector", "alloy"): ALLOY,  # a job of the stack's own
+    ("alloy",): ALLOY,
+}
+
+
+def find_replacement(path: Path) -> str | None:
+    """Return what replaces an option or value that ended; None: it is not such a one."""
+    for ended, replacement in ENDED.items():
+        if len(ended) == len(path) and all(
+            word in ("*", step) for word, step in zip(ended, path, strict=True)
+        ):
+            return replacement
+    return None

@@ -25,13 +25,15 @@ from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.types import (
+    GateStatus,
     GraphNode,
     GraphService,
     GraphTopic,
+    NameConflict,
     RosGraph,
+    WaitingNode,
     compare_types,
 )
 

@@ -12,9 +12,9 @@ from rigel_k8s.commands.rosgraph import LiveGraph, picture_of
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from rigel_k8s.ui.feed import Entries, Feed
-from rigel_k8s.ui.rates import add_rates
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
 AGE = 30.0  # seconds after which it is read again while a page is open
@@ -105,3 +105,24 @@ class GraphReader:
 def write_now() -> str:
     """Return the present time as Kubernetes writes it."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+KEPT = 600.0  # seconds
+MOST = 60  # readings; pods that crash again and again cause many
+
+
+def add_rates(old: Entries, graph: RosGraph | None, begun: float, ended: float) -> Entries:
+    """Return the entries of readings with a new one, without those that are too old.
+
+    Args:
+        graph: None if it could not be read.
+        begun, ended: when it was read, in seconds since 1970; on a busy cluster it takes a while.
+    """
+    topics = graph.topics if graph else ()
+    rates = {
+        topic.name: round(topic.rate, 2 if topic.rate >= 1 else 4)
+        for topic in topics
+        if topic.is_public and topic.rate is not None
+    }
+    made = {**old, f"rates/{begun}": {"begun": begun, "ended": ended, "of": rates}}
+    return {key: one for key, one in list(made.items())[-MOST:] if one["begun"] > begun - KEPT}

@@ -16,9 +16,9 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.history import History
-from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
+from rigel_k8s.release.locking import DURATION, holder, is_alive, lease_ref
 from rigel_k8s.release.revisions import OF, read_all
-from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
+from rigel_k8s.release.rollout.standing import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
 from rigel_k8s.release.status import KINDS, choose_part, describe_release
 from rigel_k8s.release.types import ReleaseId

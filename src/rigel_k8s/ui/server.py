@@ -33,8 +33,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import attrs
 
-from rigel_k8s.ui.changes import Changes
-from rigel_k8s.ui.feed import Feed
+from rigel_k8s.ui.feed import Changes, Feed
 from rigel_k8s.ui.logs import LogHub
 from rigel_k8s.ui.readings import Readings
 

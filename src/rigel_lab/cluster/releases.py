@@ -23,8 +23,7 @@ import urllib3
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.system.cache import cache_dir
 from rigel_k8s.system.oci import architecture
-from rigel_k8s.system.proxy import environment_proxy
-from rigel_k8s.system.tls import trust
+from rigel_k8s.system.tls import environment_proxy, trust
 from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress
 
 #: The variable that names a mirror, and its value if nothing is to be downloaded.

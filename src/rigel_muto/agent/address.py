@@ -9,8 +9,7 @@ from urllib.parse import urlsplit
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.system.proxy import is_loopback
-from rigel_k8s.system.tls import trust
+from rigel_k8s.system.tls import is_loopback, trust
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 

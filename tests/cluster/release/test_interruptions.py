@@ -17,8 +17,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.locking import hold
+from rigel_k8s.release.locking import hold, lease_ref
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import DeployOptions
 from tests.support.releases import deploy, down

@@ -12,7 +12,7 @@ import yaml
 
 from rigel_k8s.app.rights import PURPOSES, read_rights
 from rigel_k8s.objects.rights import find_missing, make_rules
-from rigel_k8s.release.refusals.rights import find_resource, need_for
+from rigel_k8s.release.refusals.missing import find_resource, need_for
 
 from .shapes import release
 from .test_golden import CASES, FOLDER

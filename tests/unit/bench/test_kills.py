@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench.kills.scenarios import SCENARIOS, Scenario, clear, run_again, take_snapshot
-from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.locking import lease_ref
 from rigel_k8s.release.types import ReleaseId
 from tests.support.fake_cluster import FakeCluster
 

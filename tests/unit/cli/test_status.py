@@ -24,7 +24,7 @@ from rigel_k8s.release.status import (
 )
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.expectations import Verdict
-from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
+from rigel_k8s.rosgraph.types import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.cli import colors
+from rigel_k8s.cli import width as colors
 from tests.support.terminal import Terminal, open_terminal
 
 pytestmark = pytest.mark.programs

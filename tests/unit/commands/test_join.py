@@ -17,7 +17,7 @@ import attrs
 import pytest
 
 import rigel_inpod
-from rigel_k8s.app.joining import make_pod
+from rigel_k8s.app.development import make_pod
 from rigel_k8s.commands.join import session
 from rigel_k8s.commands.join.inside import read_variables
 from rigel_k8s.commands.join.link import HEAD, Link

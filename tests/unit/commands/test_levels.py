@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.commands.logs.levels import LevelReader, at_least, level_of
+from rigel_k8s.commands.logs.lines import LevelReader, at_least, level_of
 
 LINES = {
     # rospy, with and without simulated time, and roscpp, which colours and aligns

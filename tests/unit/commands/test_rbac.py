@@ -16,8 +16,8 @@ from rigel_k8s.network.multus.manifests import network_release
 from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.objects.rights import find_missing, grant, make_rules
 from rigel_k8s.observability.desired import render_stack
-from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release.refusals.rights import find_resource, need_for
+from rigel_k8s.observability.options import StackRequest
+from rigel_k8s.release.refusals.missing import find_resource, need_for
 from tests.support.fake_cluster import FakeCluster
 
 

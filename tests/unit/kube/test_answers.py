@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube import resending, watching
+from rigel_k8s.kube import transport as resending
+from rigel_k8s.kube import watching
 from rigel_k8s.kube.failures import Garbled, Missing, refusal
 from rigel_k8s.kube.target import Credentials
 from rigel_k8s.objects.refs import ObjectRef

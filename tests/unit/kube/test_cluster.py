@@ -8,7 +8,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this_state
+from rigel_k8s.kube.store import ANYTHING, NOTHING, Onto, this_object, this_state
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, HttpServer, Request
 

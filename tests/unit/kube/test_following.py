@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.kube import pods
+from rigel_k8s.kube import cluster as pods
 from rigel_k8s.kube.cluster import Cluster
 from tests.support.http_server import Exchange
 

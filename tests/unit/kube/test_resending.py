@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
-from rigel_k8s.kube import resending
+from rigel_k8s.kube import transport as resending
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.resending import Resending, retry_after
 from rigel_k8s.kube.target import Target
+from rigel_k8s.kube.transport import Resending, retry_after
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, serving
 

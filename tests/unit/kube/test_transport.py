@@ -19,11 +19,11 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import transport as module
+from rigel_k8s.kube.connections import Stream
 from rigel_k8s.kube.failures import Refusal
-from rigel_k8s.kube.streams import Stream
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.kube.transport import Transport
-from rigel_k8s.system.proxy import proxy_for
+from rigel_k8s.system.tls import proxy_for
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.until import until
 

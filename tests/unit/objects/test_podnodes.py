@@ -10,7 +10,7 @@ from rigel_k8s.commands.pods import find_matching, pod_of
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.podnodes import note_nodes, split
 from rigel_k8s.release.rollout.causes import find_turn, probe_failure
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import describe_nodes
 from rigel_k8s.rosgraph.pods import expected_nodes, mark_shared, read_pods
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph

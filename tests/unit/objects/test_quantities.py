@@ -6,7 +6,7 @@ from decimal import Decimal
 
 import pytest
 
-from rigel_k8s.objects.quantities import format_quantity, parse_quantity
+from rigel_k8s.objects.resources import format_quantity, parse_quantity
 
 
 @pytest.mark.parametrize(

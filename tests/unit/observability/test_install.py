@@ -31,10 +31,9 @@ from rigel_k8s.observability.install import (
     stack_part,
     warn_of_lost_data,
 )
-from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.options import ObservabilityOptions, request_of
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.reading.stack import find_namespace
-from rigel_k8s.observability.request import request_of
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
 from tests.support.controllers import Controllers, unready

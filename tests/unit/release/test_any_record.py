@@ -22,8 +22,8 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.release.difference import compare_objects
 from rigel_k8s.release.history import History
-from rigel_k8s.release.lease import PROCESS, describe, is_alive, lease_ref, manifest, process
 from rigel_k8s.release.listing import list_releases
+from rigel_k8s.release.locking import PROCESS, describe, is_alive, lease_ref, manifest, process
 from rigel_k8s.release.revisions import records
 from rigel_k8s.release.rollback import find_unfinished
 from rigel_k8s.release.status import status

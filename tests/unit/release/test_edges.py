@@ -15,8 +15,8 @@ from rigel_k8s.objects.marks import IMAGE_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import locking
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.listing import list_releases
+from rigel_k8s.release.locking import lease_ref
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollout import standing, wait
 from rigel_k8s.release.rollout.patience import Patience

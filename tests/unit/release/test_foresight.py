@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, ConflictError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.refusals.trials import choose_trials, contains
+from rigel_k8s.release.refusals.foresight import choose_trials, contains
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, desired, workload

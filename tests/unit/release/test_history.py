@@ -6,7 +6,7 @@ from typing import Any
 
 from rigel_k8s.release import revisions
 from rigel_k8s.release.history import Entry, History
-from rigel_k8s.release.lease import name_user
+from rigel_k8s.release.locking import name_user
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, workload
 from tests.support.releases import deploy

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.locking import PROCESS, lease_ref, process
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import Desired, Plan, Revision
 from tests.support.controllers import Controllers

@@ -9,12 +9,11 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube import resending
+from rigel_k8s.kube import transport as resending
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.target import Target
 from rigel_k8s.release import locking
-from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.locking import hold
+from rigel_k8s.release.locking import hold, lease_ref
 from rigel_k8s.release.types import DeployOptions
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.manifests import RELEASE, config

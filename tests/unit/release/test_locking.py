@@ -12,8 +12,16 @@ import pytest
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
-from rigel_k8s.release.lease import DURATION, PROCESS, is_alive, lease_ref, process
-from rigel_k8s.release.locking import RENEW, Held, hold
+from rigel_k8s.release.locking import (
+    DURATION,
+    PROCESS,
+    RENEW,
+    Held,
+    hold,
+    is_alive,
+    lease_ref,
+    process,
+)
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import DeployOptions, Plan
 from tests.support.clock import Clock, Waits

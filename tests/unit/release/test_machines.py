@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.release.refusals.machines import find_homeless
+from rigel_k8s.release.refusals.needs import find_homeless
 from rigel_k8s.release.refusals.verdict import Refused
 from tests.support.manifests import desired, workload
 from tests.support.releases import deploy, diff

@@ -12,7 +12,7 @@ from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.causes import Cause
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.standing import GRACE, Standing
-from rigel_k8s.release.rollout.surroundings import Surroundings
+from rigel_k8s.release.rollout.view import Surroundings
 from rigel_k8s.release.status import WorkloadStatus
 from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder

@@ -11,7 +11,8 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release import apply, order
+from rigel_k8s.release import apply
+from rigel_k8s.release import types as order
 from tests.support.controllers import Controllers, is_ready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import NAME, RELEASE, claim, config, desired, workload

@@ -15,14 +15,12 @@ from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL, SINGLETON_ANNOTAT
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.difference import difference
-from rigel_k8s.release.labelling import hash_of, manifests_to_apply
-from rigel_k8s.release.order import rank
-from rigel_k8s.release.ownership import covers, managers, take_over
+from rigel_k8s.release.labelling import covers, hash_of, managers, manifests_to_apply, take_over
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check
 from rigel_k8s.release.survey import Survey
-from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision, Step
+from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision, Step, rank
 
 RELEASE = ReleaseId("n", "demo")
 NAMESPACE = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}}

@@ -11,7 +11,7 @@ from rigel_k8s.release.rollout.causes import Cause, causes, find_last_words, pro
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.readiness import readiness, readiness_among, readiness_without
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.surroundings import look_around, pods_of
+from rigel_k8s.release.rollout.view import look_around, pods_of
 from tests.support.manifests import ref
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")

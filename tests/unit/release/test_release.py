@@ -13,7 +13,7 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.locking import lease_ref
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.revisions import find_last_good, history
 from rigel_k8s.release.rollout import wait

@@ -13,7 +13,7 @@ import pytest
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import describe_workload
 from rigel_k8s.release.types import InventoryItem, Revision
 from tests.support.fake_cluster import FakeCluster

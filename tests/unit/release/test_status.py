@@ -11,7 +11,7 @@ from rigel_k8s.cli.status import status_text
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import AWAY, describe_pod, describe_workload, status
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running

@@ -10,10 +10,9 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.release.rollout import wait
-from rigel_k8s.release.rollout.crashes import STEADY, CrashLog
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.standing import STEADY, CrashLog, Standing
+from rigel_k8s.release.rollout.view import look_around
 from tests.support.clock import Leap, leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster

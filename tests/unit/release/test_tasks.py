@@ -9,12 +9,12 @@ import pytest
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.development import restart
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.restart import restart
 from rigel_k8s.release.rollout.readiness import readiness_without
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import DeployOptions
 from tests.support.controllers import Controllers, ended, running

@@ -13,7 +13,7 @@ from rigel_k8s.release.rollout import wait as waiting
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.surroundings import Surroundings
+from rigel_k8s.release.rollout.view import Surroundings
 from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import make_run
@@ -60,9 +60,7 @@ def follow(view: View, monkeypatch: pytest.MonkeyPatch, grace: int = 330) -> Rec
     run = make_run(desired(), cluster, report=told, timeout=60.0)
     monkeypatch.setattr(waiting, "time", type("Clock", (), {"monotonic": staticmethod(view.time)}))
     monkeypatch.setattr(waiting, "all_run", lambda *_: True)
-    monkeypatch.setattr(
-        "rigel_k8s.release.rollout.surroundings.pods_of", lambda _, __, pods: list(pods)
-    )
+    monkeypatch.setattr("rigel_k8s.release.rollout.view.pods_of", lambda _, __, pods: list(pods))
     account = Account(run, Standing({NODE: target}), 1, Ledger(Patience()))
     waiting.follow(run, cast(Any, view), account, lambda: None)
     return told

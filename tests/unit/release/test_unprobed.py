@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.rollout.crashes import find_ended, find_unprobed_in
+from rigel_k8s.release.rollout.standing import find_ended, find_unprobed_in
 
 TALKER = ObjectRef("apps/v1", "Deployment", "n", "talker")
 JOB = ObjectRef("batch/v1", "Job", "n", "calibrate")

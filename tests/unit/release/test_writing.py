@@ -11,9 +11,9 @@ import pytest
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release.apply import TRIES
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import Desired, ReleaseId
-from rigel_k8s.release.writing import TRIES
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
 from tests.support.releases import deploy, diff, down

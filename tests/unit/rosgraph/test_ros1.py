@@ -21,9 +21,15 @@ from rigel_k8s.objects import pods
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import ros1
-from rigel_k8s.rosgraph.handover import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch
+from rigel_k8s.rosgraph.types import (
+    GateStatus,
+    GraphNode,
+    GraphTopic,
+    Mismatch,
+    NameConflict,
+    WaitingNode,
+)
 from tests.support.pythons import find_python
 from tests.support.rosgraph import ros_graph
 

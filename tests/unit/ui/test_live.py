@@ -15,8 +15,8 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import lease
-from rigel_k8s.release.lease import DURATION, lease_ref
+from rigel_k8s.release import locking as lease
+from rigel_k8s.release.locking import DURATION, lease_ref
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui import live as module
@@ -102,7 +102,7 @@ def test_a_crash_is_shown_with_its_cause_and_that_it_is_over(
 ) -> None:
     """It stays for some seconds although the node is ready again at once."""
     monkeypatch.setattr("rigel_k8s.ui.overview.STEADY", 1.0)
-    monkeypatch.setattr("rigel_k8s.release.rollout.crashes.STEADY", 1.0)
+    monkeypatch.setattr("rigel_k8s.release.rollout.standing.STEADY", 1.0)
     scene.deploy(workload())
     scene.start()
     scene.until_state("talker", "ready")

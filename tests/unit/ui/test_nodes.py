@@ -9,7 +9,7 @@ import pytest
 from rigel_k8s.objects.marks import FIELD_MANAGER, OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import ReleaseStatus, describe_workload
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.ui.nodes import node_entry, release_entry

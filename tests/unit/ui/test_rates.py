@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
 from rigel_k8s.ui.feed import Entries
-from rigel_k8s.ui.rates import KEPT, MOST, add_rates
+from rigel_k8s.ui.graphs import KEPT, MOST, add_rates
 
 GRAPH = RosGraph(
     topics=(

@@ -22,8 +22,7 @@ from rigel_k8s.app.application import (
 )
 from rigel_k8s.app.checks.commands import check_line
 from rigel_k8s.app.checks.contradictions import check_contradictions
-from rigel_k8s.app.checks.network import check_network
-from rigel_k8s.app.checks.networkpolicy import check_network_policy
+from rigel_k8s.app.checks.network import check_network, check_network_policy
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, names_of
@@ -42,8 +41,8 @@ from rigel_k8s.app.updating import (
 from rigel_k8s.distros import CURRENT
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
+from rigel_k8s.objects.overlay import containers_of
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
-from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path, Problem, Severity

@@ -27,7 +27,7 @@ from rigel_k8s.network.modes import BEFORE_IRON, mode_of
 from rigel_k8s.network.options import MIDDLEWARE, ZENOH_PORT, Network, middleware_name
 from rigel_k8s.network.plan import domain
 from rigel_k8s.objects.naming import object_name, ros_name
-from rigel_k8s.objects.raw import containers_of, list_mappings
+from rigel_k8s.objects.overlay import containers_of, list_mappings
 from rigel_k8s.objects.scalars import RosUri
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity

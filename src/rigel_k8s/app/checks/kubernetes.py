@@ -19,9 +19,9 @@ from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
+from rigel_k8s.objects.overlay import mapping
 from rigel_k8s.objects.podoptions import OUTSIDE, PortOptions, Volume
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH
-from rigel_k8s.objects.raw import mapping
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile import find_nearest

@@ -9,11 +9,11 @@ from rigel_k8s.app.checks.commands import (
     IN_NODES,
     check_line,
     check_parameters,
+    check_program,
     check_shell_words,
     check_substitution,
 )
 from rigel_k8s.app.checks.kubernetes import check_kubernetes
-from rigel_k8s.app.checks.programs import check_program
 from rigel_k8s.app.components import check_components, check_key, check_names
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import choose_layer, explain_left_out
@@ -24,8 +24,8 @@ from rigel_k8s.app.testing import check_kind
 from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.network.options import Network
+from rigel_k8s.objects.overlay import containers_of, mapping, pod_of
 from rigel_k8s.objects.podoptions import Readiness, Volume
-from rigel_k8s.objects.raw import containers_of, mapping, pod_of
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
 from rigel_k8s.problems import Problem
 

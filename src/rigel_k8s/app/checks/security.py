@@ -9,8 +9,8 @@ from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.volumes import device_of, mount_of
 from rigel_k8s.network.mode import mode_path
 from rigel_k8s.network.modes import mode_of
+from rigel_k8s.objects.overlay import pod_of
 from rigel_k8s.objects.podsecurity import find_in_context, find_violations
-from rigel_k8s.objects.raw import pod_of
 from rigel_k8s.problems import Path, Problem
 
 POD = ("spec", "template", "spec")

@@ -23,8 +23,8 @@ from rigel_k8s.objects.images import containers, images_of, list_loaded
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.scheduling import may_run
+from rigel_k8s.release.apply import make_namespace
 from rigel_k8s.release.types import Desired, Obstacle, ReleaseId
-from rigel_k8s.release.writing import make_namespace
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from rigel_k8s.app.deploying.beside import Use, collect, explain, read_each
+from rigel_k8s.app.deploying.localfiles import Use, collect, explain, read_each
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of

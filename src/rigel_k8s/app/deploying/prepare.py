@@ -32,7 +32,7 @@ from rigel_k8s.app.testing import choose_nodes
 from rigel_k8s.errors import UserError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.observability.request import StackRequest, request_of
+from rigel_k8s.observability.options import StackRequest, request_of
 from rigel_k8s.release.types import DEFAULT_TIMEOUT, Desired, ReleaseId, Revision
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings

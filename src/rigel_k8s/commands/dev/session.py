@@ -23,7 +23,7 @@ from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.text import plural
 from rigel_k8s.release import development
-from rigel_k8s.release.lease import name_user, timestamp
+from rigel_k8s.release.locking import name_user, timestamp
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from rigel_k8s.app.development import put_to_sleep
-from rigel_k8s.app.joining import NAME
+from rigel_k8s.app.development import NAME, put_to_sleep
 from rigel_k8s.commands.pods import pods_of, release_pods
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
@@ -17,7 +16,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release import development
-from rigel_k8s.release.lease import name_user, timestamp
+from rigel_k8s.release.locking import name_user, timestamp
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.rollout.causes import explain_pod
 from rigel_k8s.release.types import DeployOptions

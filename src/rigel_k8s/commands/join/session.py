@@ -23,7 +23,7 @@ from typing import BinaryIO, cast
 import attrs
 
 from rigel_k8s import signals
-from rigel_k8s.app.joining import NAME, SCRIPT, make_pod
+from rigel_k8s.app.development import NAME, SCRIPT, make_pod
 from rigel_k8s.commands.join import inside
 from rigel_k8s.commands.join.link import Link
 from rigel_k8s.commands.join.pod import asleep, find_deployment, remove_ended, running
@@ -33,7 +33,7 @@ from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.lease import name_user
+from rigel_k8s.release.locking import name_user
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings

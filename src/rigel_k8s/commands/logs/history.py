@@ -16,12 +16,13 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.commands.logs.levels import LevelReader, at_least
 from rigel_k8s.commands.logs.lines import (
     DISORDER,
     SECOND,
+    LevelReader,
     LogLine,
     LogOptions,
+    at_least,
     sort_lines,
     split_stamp,
     stamp,

@@ -9,6 +9,9 @@ from datetime import datetime, timezone
 
 import attrs
 
+from rigel_k8s.observability.manifests import otelcollector as lines
+from rigel_k8s.observability.names import LEVELS
+
 SECOND = 1_000_000_000
 #: How much later than a line one with an earlier time may be recorded.
 DISORDER = 2 * SECOND
@@ -97,3 +100,47 @@ class LogOptions:
     def of_the_past(self) -> bool:
         """Whether it requests more than the existing containers have."""
         return (self.since is not None or self.level is not None) and not self.previous
+
+
+FORMS = tuple(re.compile(form) for form in lines.LEVEL_FORMS)
+GOES_ON = re.compile(lines.GOES_ON)
+TRACEBACK = re.compile(lines.TRACEBACK)
+HEAD = "Traceback (most recent call last):"
+#: Other words for a level.
+SAME = {"warning": "warn", "critical": "fatal", "trace": "debug"}
+
+
+def level_of(line: str) -> str:
+    """Return the level in a line: one of LEVELS, or "" if it has none."""
+    for form in FORMS:
+        if found := form.match(line):
+            word = found["level"].lower()
+            return SAME.get(word, word)
+    return "error" if TRACEBACK.match(line) else ""
+
+
+def at_least(level: str) -> frozenset[str]:
+    """Return a level and those above it."""
+    return frozenset(LEVELS[LEVELS.index(level) :])
+
+
+class LevelReader:
+    """Gives each line of one container its level: continuation lines have that of the first line.
+
+    Continuation lines are blank and indented lines, and everything after a Python traceback's head
+    up to its exception, with the exceptions that it was raised from. A traceback that does not
+    follow a log line is an error, whatever was logged before it.
+    """
+
+    def __init__(self) -> None:
+        self._level = ""
+        self._open = False  # within a traceback, before its exception
+
+    def level(self, line: str) -> str:
+        """Return the next line's level."""
+        indented = not line.strip() or line[:1].isspace()
+        own = level_of(line)
+        if own or not (indented or self._open or GOES_ON.match(line)):
+            self._level = own
+        self._open = HEAD in line or (self._open and indented)
+        return self._level

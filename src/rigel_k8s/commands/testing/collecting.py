@@ -12,7 +12,7 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.commands.testing.results import BAGS, LOGS
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube import Cluster
-from rigel_k8s.release import restart
+from rigel_k8s.release import development as restart
 from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.observability.checks import check
-from rigel_k8s.observability.options import ObservabilityOptions
-from rigel_k8s.observability.request import request_of
+from rigel_k8s.observability.options import ObservabilityOptions, request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 

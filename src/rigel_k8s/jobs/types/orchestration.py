@@ -18,7 +18,7 @@ from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.observability.request import request_of
+from rigel_k8s.observability.options import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 

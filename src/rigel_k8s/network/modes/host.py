@@ -14,9 +14,15 @@ from rigel_k8s.network.dds import (
     shares_memory,
     uses,
 )
-from rigel_k8s.network.files import SCRIPT, files_config, interface_script, render_at_start
+from rigel_k8s.network.files import (
+    SCRIPT,
+    files_config,
+    interface_script,
+    neighbor_files,
+    render_at_start,
+    wire_neighbor,
+)
 from rigel_k8s.network.mode import Mode, ModeUse
-from rigel_k8s.network.neighbors import neighbor_files, wire_neighbor
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import attrs
 
 from rigel_k8s.network.dds import shares_memory
+from rigel_k8s.network.files import neighbor_files, wire_neighbor
 from rigel_k8s.network.mode import Mode
-from rigel_k8s.network.neighbors import neighbor_files, wire_neighbor
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object

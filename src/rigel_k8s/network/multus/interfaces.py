@@ -12,7 +12,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.wiring import NETWORK_STATUS_ANNOTATION, NETWORKS_ANNOTATION
-from rigel_k8s.objects.raw import list_mappings, parse_json
+from rigel_k8s.objects.overlay import list_mappings, parse_json
 
 Pod = Mapping[str, Any]
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.network.options import Install
-from rigel_k8s.objects.raw import parse_json
+from rigel_k8s.objects.overlay import parse_json
 
 Node = Mapping[str, Any]
 Kind = Literal["k3s", "microk8s", "kind", "minikube", "plain"]

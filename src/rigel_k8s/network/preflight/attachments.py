@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.preflight.machine import Address, Subnet
-from rigel_k8s.objects.raw import list_mappings, parse_json
+from rigel_k8s.objects.overlay import list_mappings, parse_json
 
 API, KIND = "k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"
 #: The kind in which whereabouts records which addresses it has given out.

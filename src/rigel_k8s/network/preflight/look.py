@@ -34,7 +34,7 @@ from rigel_k8s.network.preflight.machine import (
 )
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.rollout.surroundings import owner
+from rigel_k8s.release.rollout.view import owner
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster

@@ -14,10 +14,10 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.answers import find_mappings
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.kube.resources import Resource, built_in
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.rights import Right, describe, find_missing
-from rigel_k8s.release.refusals.rights import find_resource, need_for
-from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.objects.rights import Right, describe, find_missing, grant
+from rigel_k8s.release.types import WORKLOADS, Desired, ReleaseId
 
 API = "authorization.k8s.io/v1"
 
@@ -134,3 +134,64 @@ def naming_remedy(desired: Desired, kind: str) -> Iterator[None]:
         if error.ground == "right":
             error.hint = desired.remedies.get(kind, error.hint)
         raise
+
+
+#: What is done with the objects of a release, at each stage.
+LOOK, WAIT, WRITE, PRUNE = "list", "watch", "create patch", "get delete"
+
+#: Kinds that Kubernetes does not have, and that a release may contain: those have no table.
+OTHERS = {
+    ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"): Resource(
+        "network-attachment-definitions", namespaced=True
+    ),
+}
+
+
+def need_for_kind(
+    api_version: str, kind: str, namespace: str | None, verbs: str
+) -> Iterator[Right]:
+    """Yield what some verbs on a kind of object need; nothing for an unknown kind."""
+    resource = find_resource(api_version, kind)
+    if resource is None:
+        return
+    group = api_version.rpartition("/")[0]
+    yield from grant(group, resource.plural, verbs, namespace or "")
+
+
+def find_resource(api_version: str, kind: str) -> Resource | None:
+    """Return the API's name for a kind; None if it is unknown."""
+    key = api_version, kind
+    return built_in().get(key) or OTHERS.get(key)
+
+
+def need_for(
+    manifests: Iterable[Manifest],
+    changing: Iterable[Manifest],
+    gone: Iterable[Manifest],
+    namespace: str,
+    *,
+    create_namespace: bool = False,
+) -> set[Right]:
+    """Return all rights that one deploy needs.
+
+    Args:
+        manifests: all of the release.
+        changing: those that are written.
+        gone: objects that are deleted.
+        create_namespace: whether the namespace is created too.
+    """
+    made = list(manifests)
+    needed = {
+        *grant("", "namespaces", "get", namespace),
+        *grant("", "secrets", "list create patch delete", namespace),  # its revisions
+        *grant("coordination.k8s.io", "leases", "get create update patch delete", namespace),
+    }
+    if any(manifest["kind"] in WORKLOADS for manifest in made):
+        needed |= {*grant("", "pods", "list watch", namespace)}
+    watched = [manifest for manifest in made if manifest["kind"] in WORKLOADS]
+    for verbs, objects in ((LOOK, made), (WAIT, watched), (WRITE, changing), (PRUNE, gone)):
+        for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:
+            needed |= {*need_for_kind(*kind, verbs)}
+    if create_namespace:
+        needed |= {*grant("", "namespaces", "create patch")}
+    return needed

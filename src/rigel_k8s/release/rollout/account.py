@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
-from rigel_k8s.objects.raw import containers_of, pod_of
+from rigel_k8s.objects.overlay import containers_of, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import CAUSES, ERROR, Cause, probe_failure

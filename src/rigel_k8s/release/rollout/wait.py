@@ -7,18 +7,15 @@ from collections.abc import Callable, Iterable
 
 from rigel_k8s.errors import Interrupted, RolloutFailed
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.objects.raw import pod_of
+from rigel_k8s.objects.overlay import pod_of
 from rigel_k8s.objects.refs import Manifest, ref_of
-from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.part import Look, Run
 from rigel_k8s.release.revisions import find_good
 from rigel_k8s.release.rollout.account import Account
-from rigel_k8s.release.rollout.crashes import find_ended
 from rigel_k8s.release.rollout.patience import Ledger
-from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.surroundings import Surroundings
-from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, ReleaseView
-from rigel_k8s.release.types import Revision
+from rigel_k8s.release.rollout.standing import Standing, find_ended
+from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, ReleaseView, Surroundings
+from rigel_k8s.release.types import WORKLOADS, Revision
 
 LOOK = 0.25  # seconds between two looks at the clock
 BRIEF = 0.01  # seconds of a look after which the next one may follow at once

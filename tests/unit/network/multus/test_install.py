@@ -29,11 +29,10 @@ from rigel_k8s.network.multus.platform import Group, platform
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
 from rigel_k8s.release import revisions, survey
-from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.locking import PROCESS, lease_ref, process
 from rigel_k8s.release.look import look_at
-from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.release.part import Part
-from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.release.types import PROTECTED, DeployOptions
 from rigel_k8s.settings import Application, Settings
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store

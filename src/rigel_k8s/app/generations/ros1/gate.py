@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.objects.overlay import containers_of
 from rigel_k8s.objects.pods import (
     MASTER_NAME,
     ROSCORE_PORT,
@@ -21,7 +22,6 @@ from rigel_k8s.objects.pods import (
     inpod_volume,
     service_account,
 )
-from rigel_k8s.objects.raw import containers_of
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 from rigel_k8s.yaml_text import Loader
 

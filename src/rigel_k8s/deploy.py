@@ -57,12 +57,13 @@ def deploy(parts: Iterable[Part], cluster: Cluster, options: DeployOptions) -> N
         own = attrs.evolve(options, adopt=adopt, timeout=timeout)
         run = Run(cluster=cluster, part=part, options=own)
         try:
-            now = look_at(part, cluster, adopt=adopt) if changed else seen
-            for warning in now.warnings:
+            if changed:  # an earlier part has changed what was seen
+                seen = look_at(part, cluster, adopt=adopt)
+            for warning in seen.warnings:
                 if warning not in warned:
                     options.report.warn(warning)
-            warned.update(now.warnings)
-            write_part(run, now)
+            warned.update(seen.warnings)
+            write_part(run, seen)
         except Interrupted:
             raise
         except RigelK8sError as error:

@@ -1,7 +1,11 @@
 """The Kubernetes API on plain dicts; the only package that speaks HTTP to a cluster.
 
-It is independent of releases, Rigelfiles and ROS. Importing this package costs nothing: HTTP and
-TLS are imported when a cluster is used. docs/architecture.md explains why the client is our own.
+A `Cluster` (`cluster`) reads and writes objects (`store`), watches them (`watching`), runs programs
+in pods (`execution`) and forwards ports (`forwarding`). Below it, `client` makes requests of that,
+and `transport` sends them on `connections`, again where that is safe. `kubeconfig`, `target` and
+`credentials` say which cluster and who asks; `failures` are its refusals. Importing this package
+costs nothing: HTTP and TLS are imported when a cluster is used. docs/architecture.md explains why
+the client is our own.
 """
 
 from __future__ import annotations

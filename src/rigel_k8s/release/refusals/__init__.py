@@ -1,6 +1,5 @@
 """Why a deploy is refused before its first write: all reasons at once, each with a way out.
 
-`foresight` queries the cluster: `trials` are dry runs, `missing` are the missing rights out of
-those that `rights` declares. `verdict` decides from the answers, with `admission` (pods); both
-are pure.
+`foresight` queries the cluster, with dry runs of objects and of pods; `missing` are the rights that
+it lacks, `needs` are machines and objects. `verdict` decides from the answers, and is pure.
 """

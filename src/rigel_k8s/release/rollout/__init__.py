@@ -1,5 +1,5 @@
 """Whether what was applied becomes ready, and if not, why.
 
-`wait` waits, with what `view` sees: `standing` is how far each workload is, by its `readiness`, its
-`causes` and its `crashes`; `account` is what is reported, and given up by `patience`.
+`wait` looks again and again: `view` is what it sees, `standing` how far each workload is, by its
+`readiness`. `causes` explain what is not ready; `account` reports, and gives up by `patience`.
 """

@@ -61,11 +61,15 @@ def test_each_pod_has_an_address_of_its_own_on_net1(demo: Any) -> None:
     assert all(ip_address(address) in demo.subnet for address in found.values())
 
 
-def test_a_message_made_now_arrives(demo: Any) -> None:
-    """The listener hears what a talker's parameter has just been set to."""
+def assert_a_new_message_arrives(demo: Any, talker: str) -> None:
+    """Set a parameter that the talker puts into its messages, and find it in the listener's log."""
     nonce = f"n{secrets.token_hex(8)}"
-    demo("exec", "talker_2", "--", "ros2", "param", "set", "/talker_2", "nonce", nonce)
+    demo("exec", talker, "--", "ros2", "param", "set", f"/{talker}", "nonce", nonce)
     demo.until(lambda: nonce in demo("logs", "listener", "--tail", "30").stdout, "the nonce")
+
+
+def test_a_message_made_now_arrives(demo: Any) -> None:
+    assert_a_new_message_arrives(demo, "talker_2")
 
 
 def test_status_shows_who_is_discovered_over_what(demo: Any) -> None:
@@ -170,7 +174,7 @@ def test_a_rescheduled_talker_is_heard_again(demo: Any) -> None:
     demo.until(lambda: demo.net1().get("talker-1"), "new pod with net1")
     assert demo.pods()["talker-1"]["metadata"]["uid"] != before["uid"]
     demo.until(lambda: is_ready(demo.pods()["talker-1"]), "new pod that is ready")
-    demo("run", "job", "check-1")
+    assert_a_new_message_arrives(demo, "talker_1")
 
 
 def test_a_talker_is_developed(demo: Any, tmp_path: Path) -> None:
@@ -191,7 +195,7 @@ def test_a_talker_is_developed(demo: Any, tmp_path: Path) -> None:
         assert pod_uids(demo.cluster, demo.space) == developed
     changed = before.items() ^ pod_uids(demo.cluster, demo.space).items()
     assert {name for name, _ in changed} == {"talker-1"}
-    demo("run", "job", "check-1")
+    assert_a_new_message_arrives(demo, "talker_1")
 
 
 #: A node on another computer: hears both talkers over multicast, and is heard.
@@ -233,7 +237,7 @@ def test_a_program_of_another_computer_takes_a_nodes_place(demo: Any) -> None:
         assert "talker_1 is replaced by a program of" in demo("status", check=False).stdout
     changed = before.items() ^ pod_uids(demo.cluster, demo.space).items()
     assert {name for name, _ in changed} == {"talker-1"}
-    demo("run", "job", "check-1")
+    assert_a_new_message_arrives(demo, "talker_1")
 
 
 def test_nothing_changes_when_nothing_changed(demo: Any) -> None:

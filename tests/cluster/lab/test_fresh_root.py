@@ -39,11 +39,10 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     subprocess.run([*words, str(made)], check=True, capture_output=True)
     for path in REACH:
         source, target = Path("/", path), made / path
-        if source.is_dir():
-            shutil.copytree(source, target, symlinks=True, dirs_exist_ok=True)
-        elif source.exists():
-            target.unlink(missing_ok=True)
-            shutil.copy(source, target)
+        if source.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            copy = ["cp", "--archive", "--no-target-directory", "--remove-destination"]
+            subprocess.run([*copy, str(source), str(target)], check=True)
     subprocess.run(["git", "clone", "-q", str(PROJECT), str(made / "project")], check=True)
     yield made
     shutil.rmtree(made)

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.facts import is_ready
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
 #: Seconds that a command in a pod has: on a busy machine a ROS tool takes many to start.
@@ -101,12 +99,6 @@ class Robot:
         return self.cluster.run(
             self.namespace, pod["metadata"]["name"], full, container=container, timeout=PATIENCE
         )
-
-    def edit(self, ref: ObjectRef, change: dict[str, Any]) -> None:
-        """Change an object as `kubectl edit` does: what was changed is kubectl's then."""
-        url = self.cluster.client.path_of(ref, "edit", query={"fieldManager": "kubectl-edit"})
-        media = "application/merge-patch+json"
-        self.cluster.client.call("PATCH", url, "edit", read_mapping, body=change, media=media)
 
     def deployments(self) -> set[str]:
         """Return the names of the namespace's Deployments."""

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
-import re
 import signal
 import subprocess
 import sys
-import xmlrpc.client
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -109,9 +105,6 @@ def rootfs() -> Path:
     return unpack_root(build(Recorder()))
 
 
-DOOR = r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311"
-
-
 @pytest.fixture
 def start(robot: Robot) -> Iterator[Callable[..., Background]]:
     """Start commands that go on; all are interrupted in the end."""
@@ -167,20 +160,6 @@ def test_kubectl_reads_the_render(robot: Robot, context: str) -> None:
     assert "deployment.apps/talker serverside-applied (server dry run)" in done.stdout
 
 
-def test_status_says_what_runs_where(robot: Robot) -> None:
-    """ROS name, pod, machine, image and revision are in the table; the exit code is 0."""
-    text = robot("status").stdout
-    assert re.search(rf"release \S+ in namespace {robot.namespace}, revision 1\n", text)
-    assert re.search(r"lab-listener +/lab/listener +1/1 +lab-listener-\S+ +\S+ +0 +\d+", text)
-    found = json.loads(robot("status", "-o", "json").stdout)
-    assert found["ready"] is True
-    assert [w["name"] for w in found["workloads"]] == ["lab-listener", "ros-master", "talker"]
-    assert found["workloads"][0]["ros_name"] == "/lab/listener"
-    pod = found["workloads"][2]["pods"][0]
-    assert pod["image"].startswith(robot.image)
-    assert pod["node"]
-
-
 def test_graph_shows_nodes_topics_and_rates(robot: Robot, tmp_path: Path) -> None:
     """As the master and the nodes tell it, and no node hears of a new subscriber."""
 
@@ -206,34 +185,6 @@ def test_graph_shows_nodes_topics_and_rates(robot: Robot, tmp_path: Path) -> Non
     picture = ElementTree.parse(tmp_path / "graph.svg").getroot()
     assert picture.tag == "{http://www.w3.org/2000/svg}svg"
     assert "/chatter" in "".join(picture.itertext())
-
-
-def test_diff_tells_by_its_exit_code(robot: Robot) -> None:
-    """As kubectl's: 0 nothing, 1 differences, more than 1 an error; nothing is written."""
-    assert robot("diff", "--exit-code").stdout == ""
-    robot.write(COLOR="blue")
-    try:
-        done = robot("diff", "--exit-code", code=1)
-        assert re.search(r"^\+.*name: COLOR$", done.stdout, re.MULTILINE)
-        assert "1 to change" in done.stderr
-        assert robot("diff").returncode == 0
-        wrong = Robot(robot.file.parent, "no-such-context", robot.namespace, robot.image)
-        assert "no-such-context" in wrong("diff", "--exit-code", code=2).stderr
-    finally:
-        robot.write()
-    assert robot("diff", "--exit-code").stdout == ""
-
-
-def test_logs_of_one_are_plain_and_of_many_are_told_apart(robot: Robot) -> None:
-    """One node's lines can be piped on; those of several carry the node's name."""
-    lines = robot("logs", "talker", "--tail", "3").stdout.splitlines()
-    assert len(lines) == 3
-    assert all("said hello" in line for line in lines)
-    assert not any(line.startswith("[talker]") for line in lines)
-    many = robot("logs", "--tail", "2").stdout.splitlines()
-    assert {line.split("]")[0] for line in many} == {"[talker", "[lab-listener", "[ros-master"}
-    timed = robot("logs", "talker", "--timestamps", "--since", "5m").stdout
-    assert re.match(r"20\d\d-\d\d-\d\dT", timed)
 
 
 def test_nodes_have_many_names(robot: Robot) -> None:
@@ -351,42 +302,6 @@ def test_a_ros1_node_of_another_computer_joins(
     assert list_joined() == {}
 
 
-def test_exec_gives_a_terminal(robot: Robot) -> None:
-    """-it gives the command a terminal of the user's size, without -it a shell gets one too."""
-    leader, follower = pty.openpty()
-    child = subprocess.Popen(
-        robot.command("exec", "-it", "talker", "--", "sh", "-c", "tty && stty size; rosnode list"),
-        stdin=follower,
-        stdout=follower,
-        stderr=follower,
-    )
-    os.close(follower)
-    written = b""
-    while True:
-        try:
-            chunk = os.read(leader, 4096)
-        except OSError:
-            break
-        if not chunk:
-            break
-        written += chunk
-    os.close(leader)
-    assert child.wait(timeout=60) == 0, written
-    assert b"/dev/pts/" in written
-    assert b"/talker" in written
-
-
-def test_forward_reaches_a_port_of_a_node(robot: Robot, start: Any) -> None:
-    """roscore answers on a local port; Ctrl-C ends it."""
-    running = start("forward", "ros-master", ":11311")
-    port = int(until(lambda: running.found(DOOR), "open door").group(1))
-    with xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}") as master:
-        code, _, uri = master.lookupNode("/test", "/talker")  # type: ignore[misc]
-    assert code == 1
-    assert str(uri).startswith("http://")
-    assert running.interrupt() == 130
-
-
 def test_logs_follow_through_a_restart_and_a_roll_out(
     robot: Robot, cluster: Any, start: Any
 ) -> None:
@@ -415,22 +330,6 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
     assert running.interrupt() == 130
     own = "/rigel_k8s/"  # a rospy node that is killed may print a traceback, too
     assert not any(own in line for line in running.lines)
-
-
-def test_history_and_rollback(robot: Robot) -> None:
-    """The last deploy can be undone; what is deployed is a new revision that says so."""
-    robot.write(COLOR="red")
-    robot("run", "job", "deploy", "--timeout", "4m")
-    before = json.loads(robot("history", "-o", "json").stdout)
-    done = robot("rollback", "--timeout", "4m")
-    assert f"rollback to revision {before[-2]['number']}" in done.stdout
-    after = json.loads(robot("history", "-o", "json").stdout)
-    assert len(after) == len(before) + 1
-    assert after[-1]["status"] == "good"
-    assert after[-1]["description"] == f"rollback to revision {before[-2]['number']}"
-    assert "COLOR=red" not in robot("exec", "talker", "--", "env").stdout
-    assert "has no revision 99" in robot("rollback", "99", code=2).stderr
-    assert "REVISION" in robot("history").stdout
 
 
 def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> None:
@@ -468,28 +367,3 @@ def test_doctor_finds_what_a_deploy_needs(robot: Robot) -> None:
     assert [need["problem"] for need in found if need["problem"]] == []
     wrong = Robot(robot.file.parent, "no-such-context", robot.namespace, robot.image)
     assert "no-such-context" in wrong("doctor", code=1).stdout
-
-
-def test_several_releases_need_a_name(robot: Robot) -> None:
-    """Without JOB a command does not guess, but a node that only one of them has says which."""
-    options = {"image": robot.image, "nodes": {"other": {"args": ["true"]}}}
-    plugin = {"plugin": "rigel_k8s.OrchestrationPlugin"}
-    jobs = json.loads(robot.file.read_text())["jobs"]
-    jobs["second"] = {**plugin, "with": {**options, "deployment_name": "second"}}
-    try:
-        robot.save(jobs)
-        error = robot("history", code=2).stderr
-        assert "name a job, one of: deploy, second" in error
-        assert robot("exec", "talker", "--", "true").returncode == 0
-        assert robot("exec", "talker", "--job", "deploy", "--", "true").returncode == 0
-        assert "no release second" in robot("status", "second", code=2).stderr
-    finally:
-        robot.write()
-
-
-def test_down_takes_the_release_away(robot: Robot, cluster: Any) -> None:
-    """Afterwards nothing of it is there, and a second time is told, not done."""
-    assert "removed " in robot("down").stdout
-    assert cluster.list("apps/v1", "Deployment", robot.namespace) == []
-    assert "there is no release" in robot("down").stdout
-    assert "there is no release" in robot("status", code=2).stderr

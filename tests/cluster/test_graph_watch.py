@@ -109,11 +109,3 @@ def test_a_lost_publisher_is_rolled_back_where_that_is_asked_for(robot: Talking)
     robot.until_talking()  # the talker that is back waits until the other one has ended
     assert robot.publishers() == ["/talker"]
     assert robot.revisions()[-2:] == ["failed", "good"]
-
-
-def test_a_lost_publisher_is_reported(robot: Talking) -> None:
-    """And the update stays."""
-    done = robot.update("")
-    assert f"warning: {LOST}" in done.stderr
-    assert robot.publishers() == []
-    assert robot.revisions()[-1] == "good"

@@ -1,4 +1,4 @@
-"""The client against a real API server: objects, watches, logs, commands, ports."""
+"""The client against a real API server: logs, commands, ports, tokens."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import attrs
 import pytest
 
-from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError, UserError
-from rigel_k8s.kube import ObjectRef, connect
+from rigel_k8s.errors import ClusterError, NotFoundError, UserError
+from rigel_k8s.kube import ObjectRef
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.kubeconfig import load
-from rigel_k8s.settings import Settings
 from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
@@ -60,115 +58,6 @@ def wait_for_account(cluster: Any, namespace: str) -> None:
     """A pod is refused while its namespace has no service account yet."""
     account = ObjectRef("v1", "ServiceAccount", namespace, "default")
     until(lambda: cluster.get(account), "a service account", 120)
-
-
-def config(namespace: str, **data: str) -> dict[str, Any]:
-    meta = {"name": "c", "namespace": namespace, "labels": {"app": "x"}}
-    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
-
-
-def test_objects_are_made_read_changed_and_deleted(cluster: Any, namespace: str) -> None:
-    """Create, get, list, patch, replace, apply, delete on plain dicts."""
-    ref = ObjectRef("v1", "ConfigMap", namespace, "c")
-    assert cluster.get(ref) is None
-    made = cluster.create(config(namespace, a="1"))
-    with pytest.raises(ConflictError) as caught:
-        cluster.create(config(namespace))
-    assert caught.value.reason == "AlreadyExists"
-    assert cluster.patch(ref, {"data": {"b": "2"}})["data"] == {"a": "1", "b": "2"}
-    with pytest.raises(ConflictError, match="modified"):
-        cluster.replace(made)
-    assert cluster.apply(config(namespace, c="3"), dry_run=True)["data"]["c"] == "3"
-    assert "c" not in cluster.get(ref)["data"]
-    [listed] = cluster.list("v1", "ConfigMap", namespace, labels={"app": "x"})
-    assert (listed["kind"], listed["data"]) == ("ConfigMap", {"a": "1", "b": "2"})
-    [bare] = cluster.list("v1", "ConfigMap", namespace, labels="app=x", metadata_only=True)
-    assert "data" not in bare
-    with pytest.raises(ConflictError):
-        cluster.delete(ref, uid="00000000-0000-0000-0000-000000000000")
-    assert cluster.delete(ref, uid=made["metadata"]["uid"]) is True
-    assert cluster.delete(ref) is False
-
-
-def test_a_list_longer_than_a_page_is_whole(
-    cluster: Any, namespace: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Pages are put together."""
-    monkeypatch.setattr("rigel_k8s.kube.store.PAGE", 3)
-    for number in range(7):
-        meta = {"name": f"c{number}", "namespace": namespace, "labels": {"app": "x"}}
-        cluster.create({"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta})
-    found = cluster.list("v1", "ConfigMap", namespace, labels="app=x")
-    assert {live["metadata"]["name"] for live in found} == {f"c{n}" for n in range(7)}
-
-
-def test_a_conflict_names_manager_and_field(cluster: Any, namespace: str) -> None:
-    """Another manager's field, with another value."""
-    ref = ObjectRef("v1", "ConfigMap", namespace, "c")
-    url = cluster.client.path_of(ref, "test", query={"fieldManager": "other"})
-    media = "application/apply-patch+yaml"
-    cluster.client.call(
-        "PATCH", url, "test", read_mapping, body=config(namespace, a="theirs"), media=media
-    )
-    with pytest.raises(ConflictError) as caught:
-        cluster.apply(config(namespace, a="ours"))
-    assert [(f.manager, f.field) for f in caught.value.fields] == [("other", ".data.a")]
-    assert cluster.apply(config(namespace, a="ours"), force=True)["data"] == {"a": "ours"}
-
-
-def test_what_is_not_there_is_told(cluster: Any) -> None:
-    """A missing namespace and an unknown kind, in words that help."""
-    with pytest.raises(NotFoundError, match='namespaces "nowhere" not found'):
-        cluster.apply(config("nowhere"))
-    with pytest.raises(NotFoundError, match=r"no kind Robot of example\.com/v1") as caught:
-        cluster.apply({**config("default"), "apiVersion": "example.com/v1", "kind": "Robot"})
-    assert "CustomResourceDefinition" in (caught.value.hint or "")
-    assert cluster.list("example.com/v1", "Robot") == []
-
-
-def test_a_watch_outlives_lost_connections_and_expired_versions(
-    cluster: Any, namespace: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Everything that happens is told, though connections end and the version is forgotten."""
-    from rigel_k8s.kube import watching
-
-    monkeypatch.setattr(watching, "PAUSE", 0.1)
-    original, opened = watching.events, []
-
-    def events(client: Any, url: str, *args: Any) -> Any:
-        opened.append(url)
-        if len(opened) == 2:  # a version that the server cannot know any more
-            error = watching.Refusal("too old resource version")
-            error.status = 410
-            raise error
-        stream = original(client, url, *args)
-        if len(opened) == 1:
-            yield next(stream)  # and then the connection is lost
-            stream.close()
-            cluster.delete(ObjectRef("v1", "ConfigMap", namespace, "c"))
-        else:
-            yield from stream
-
-    monkeypatch.setattr(watching, "events", events)
-    seen: list[tuple[str, str]] = []
-    over = threading.Event()
-    cluster.create(config(namespace))
-
-    def follow() -> None:
-        for event in cluster.watch("v1", "ConfigMap", namespace, labels="app=x", cancel=over):
-            seen.append((event.type, event.object["metadata"]["name"]))
-
-    thread = threading.Thread(target=follow)
-    thread.start()
-    until(lambda: ("ADDED", "c") in seen, "what was there", 120)
-    cluster.patch(ObjectRef("v1", "ConfigMap", namespace, "c"), {"data": {"a": "1"}})
-    until(lambda: ("DELETED", "c") in seen, "end", 120)
-    cluster.create(config(namespace))
-    until(lambda: seen[-1] == ("ADDED", "c"), "new object", 120)
-    over.set()
-    thread.join(timeout=60)
-    assert not thread.is_alive()
-    assert len(opened) >= 3
 
 
 def test_logs_are_lines_and_a_follow_can_be_ended(cluster: Any, pod: ObjectRef) -> None:
@@ -266,15 +155,6 @@ def answer(port: int) -> bytes:
             return b""
 
 
-def test_events_are_those_of_the_object(cluster: Any, pod: ObjectRef) -> None:
-    """Oldest first."""
-
-    def reasons() -> list[str]:
-        return [event["reason"] for event in cluster.events(cluster.get(pod))]
-
-    until(lambda: "Started" in reasons(), "event that the container has started", 120)
-
-
 def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> None:
     """A service account's token connects, and what it may not do is a hint to `auth can-i`."""
     wait_for_account(cluster, namespace)
@@ -303,35 +183,6 @@ def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> No
         with pytest.raises(ClusterError) as caught:
             other.nodes()
         assert "log in again" in (caught.value.hint or "")
-
-
-def test_a_wrong_name_in_the_certificate_is_told(context: str) -> None:
-    """tls-server-name is what the certificate must be for."""
-    target = load(context=context)
-    with Cluster(attrs.evolve(target, server_name="kubernetes")) as right:
-        assert right.server_version()
-    with (
-        Cluster(attrs.evolve(target, server_name="wrong.example.com")) as wrong,
-        pytest.raises(ClusterError, match="certificate is not trusted"),
-    ):
-        wrong.server_version()
-
-
-def test_no_server_is_told_with_its_context(tmp_path: Path) -> None:
-    """Nothing listens there: which server, which context."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    path = tmp_path / "config"
-    path.write_text(
-        "contexts: [{name: gone, context: {cluster: c, user: u}}]\ncurrent-context: gone\n"
-        f"clusters: [{{name: c, cluster: {{server: 'https://127.0.0.1:{port}'}}}}]\n"
-    )
-    with (
-        connect(Settings(kubeconfig=path)) as cluster,
-        pytest.raises(ClusterError, match=f"127.0.0.1:{port} does not answer") as caught,
-    ):
-        cluster.nodes()
-    assert "context gone" in (caught.value.hint or "")
 
 
 @pytest.mark.parametrize("version", ["", "&resourceVersion=0"])

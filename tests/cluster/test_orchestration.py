@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
@@ -145,17 +145,6 @@ def test_a_partial_job_changes_only_what_it_names(
     assert container["args"] == args
     for kind, name in (("PersistentVolumeClaim", "data-pvc"), ("Service", "ros-master")):
         assert cluster.get(ObjectRef("v1", kind, namespace, name)) is not None
-
-
-def test_a_label_that_no_node_has_stops_before_anything_is_applied(
-    cluster: Any, namespace: str, run: Run
-) -> None:
-    """With the command that sets it."""
-    node = {"args": PUB, "placement": {"labels": {"no-such-robot": "yes"}}}
-    with pytest.raises(UserError) as caught:
-        run({"nodes": {"pub": node}})
-    assert "kubectl label node NODE no-such-robot=yes" in caught.value.details[0]
-    assert cluster.list("apps/v1", "Deployment", namespace) == []
 
 
 def test_results_are_copied_out_of_the_application(

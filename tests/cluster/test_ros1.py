@@ -166,26 +166,6 @@ def test_a_changed_master_takes_its_nodes_along(robot: Robot) -> None:
     assert "/talker" in robot.run("ros-master", "rosnode", "list").split()
 
 
-@pytest.mark.slow  # without ROS each time: tests/cluster/release/test_storage.py
-def test_data_survives_down_unless_volumes_are_asked_for(robot: Robot) -> None:
-    """`down` keeps claims; the next deploy finds its data; `down --volumes` takes them."""
-    node = talker() | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
-    storage = {"volumes": [{"name": "maps", "size": "10Mi"}]}
-    robot.write({"talker": node}, persistent_storage=storage)
-    robot.deploy()
-    robot.run("talker", "sh", "-c", "echo here > /maps/file")
-    robot.rigel("down")
-    claims = robot.cluster.list("v1", "PersistentVolumeClaim", robot.namespace)
-    assert [claim["metadata"]["name"] for claim in claims] == ["maps-pvc"]
-    robot.deploy()
-    assert robot.run("talker", "cat", "/maps/file").strip() == "here"
-    robot.rigel("down", "--volumes", "-y")
-    eventually(
-        "the claim is gone",
-        lambda: not robot.cluster.list("v1", "PersistentVolumeClaim", robot.namespace),
-    )
-
-
 def test_down_lets_nodes_take_leave_of_their_master(robot: Robot) -> None:
     """roscore goes last: a node that cannot unregister would use up its grace, and be killed."""
     robot.write({"talker": talker()})
@@ -236,23 +216,6 @@ def test_a_job_that_describes_a_part_resets_and_prunes_nothing(robot: Robot) -> 
     assert after == before
 
 
-def test_a_label_that_no_machine_has_is_told_before_anything_is_applied(
-    tmp_path: Path, namespace: str, base_image: str, rigel: Any, cluster: Any
-) -> None:
-    """A pod that could never be scheduled is no roll-out to wait for.
-
-    It takes the right to list nodes, which a deployer does not have.
-    """
-    robot = Robot(tmp_path, namespace, base_image, rigel, cluster)
-    node = talker() | {"placement": {"labels": {"robot": "seven"}}}
-    robot.write({"talker": node})
-    done = robot.rigel("run", "job", "deploy", check=False)
-    assert done.returncode in (1, 2)
-    assert "kubectl label node" in done.stderr
-    assert "robot=seven" in done.stderr
-    assert robot.deployments() == set()
-
-
 def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
     """The new publisher is registered and ready before the old one leaves."""
     robot.write({"talker": talker(anonymous=True)})
@@ -281,21 +244,6 @@ def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
     with looking(count_running) as together:
         robot.deploy()
     assert max(together) == 1
-
-
-def test_another_managers_field_is_told_and_adopted_on_request(robot: Robot) -> None:
-    """Somebody's kubectl edit is not overwritten silently; --adopt takes the field over."""
-    robot.write({"talker": talker() | {"replicas": 1}})
-    robot.deploy()
-    ref = ObjectRef("apps/v1", "Deployment", robot.namespace, "talker")
-    robot.edit(ref, {"spec": {"replicas": 0}})
-    robot.write({"talker": talker() | {"replicas": 1, "env": {"GENERATION": 2}}})
-    refused = robot.rigel("run", "job", "deploy", check=False)
-    assert refused.returncode == 1
-    assert "replicas" in refused.stderr
-    assert "--adopt" in refused.stderr
-    robot.rigel("run", "job", "deploy", "--adopt", "--timeout", "4m")
-    assert robot.ready("talker")
 
 
 def case(name: str, change: dict[str, Any], told: str, *marks: Any) -> Any:

@@ -37,10 +37,6 @@ class Maker:
         meta = {"name": name, "namespace": self.namespace}
         return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
 
-    def secret(self, name: str = "secret", **texts: str) -> dict[str, Any]:
-        meta = {"name": name, "namespace": self.namespace}
-        return {"apiVersion": "v1", "kind": "Secret", "metadata": meta, "stringData": texts}
-
     def deployment(
         self,
         name: str = "talker",

@@ -6,22 +6,16 @@ import os
 import subprocess
 import sys
 import textwrap
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError, Interrupted
-from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.locking import hold, lease_ref
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.release.locking import hold
 from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import DeployOptions
 from tests.support.releases import deploy, down
-from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -124,82 +118,3 @@ def test_a_second_deploy_is_told_who_holds_the_release(
     assert "is being changed by" in caught.value.message
     assert len(history(cluster, make.release)) == 1
     deploy(wanted, cluster, report=report)
-
-
-def test_a_lease_of_another_machine_is_taken_over_when_it_expires(
-    cluster: Any, make: Any, report: Any
-) -> None:
-    """A holder that does not renew is dead; one that does is not."""
-    ref = lease_ref(make.release)
-    lease = {
-        "apiVersion": ref.api_version,
-        "kind": ref.kind,
-        "metadata": {"name": ref.name, "namespace": ref.namespace},
-        "spec": {"holderIdentity": "ann@far, process 7", "leaseDurationSeconds": 15},
-    }
-    cluster.create(lease)
-    over = threading.Event()
-
-    def renew() -> None:
-        while not over.wait(1):
-            stamp = time.strftime("%Y-%m-%dT%H:%M:%S.000000Z", time.gmtime())
-            cluster.patch(ref, {"spec": {"renewTime": stamp}})
-
-    renewing = threading.Thread(target=renew)
-    renewing.start()
-    try:
-        with pytest.raises(ClusterError, match="being changed by ann@far"):
-            deploy(make.desired(make.config(a="1")), cluster, report=report, lock_timeout=5)
-    finally:
-        over.set()
-        renewing.join()
-    revision = deploy(make.desired(make.config(a="1")), cluster, report=report)
-    assert revision.status == "good"
-    assert cluster.get(ref) is None
-
-
-def is_running(cluster: Any, namespace: str) -> bool:
-    """Whether the only pod runs; a deployer may list pods."""
-    (pod,) = cluster.list("v1", "Pod", namespace, labels={RELEASE_LABEL: "demo"})
-    states = pod.get("status", {}).get("containerStatuses") or []
-    return any("running" in state["state"] for state in states)
-
-
-def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
-    cluster: Any, make: Any, report: Any
-) -> None:
-    """Ctrl-C: the revision is interrupted, the Lease is free, the next run sees it through."""
-    slow = {"exec": {"command": ["sh", "-c", "test -e /ready"]}, "periodSeconds": 1}
-    cancel = threading.Event()
-    mine = {RELEASE_LABEL: "demo"}
-
-    def interrupt() -> None:
-        until(lambda: cluster.list("v1", "Pod", make.namespace, labels=mine), "a pod", 180)
-        time.sleep(1)
-        cancel.set()
-
-    wanted = make.desired(make.deployment(readinessProbe=slow))
-    with ThreadPoolExecutor(1) as user:
-        user.submit(interrupt)
-        with pytest.raises(Interrupted, match="the cluster continues the roll-out"):
-            deploy(wanted, cluster, report=report, cancel=cancel)
-    assert [r.status for r in history(cluster, make.release)] == ["interrupted"]
-    assert cluster.get(lease_ref(make.release)) is None
-    (pod,) = cluster.list("v1", "Pod", make.namespace, labels=mine)
-    name = pod["metadata"]["name"]
-    until(lambda: is_running(cluster, make.namespace), "the pod runs", 180)
-    cluster.run(make.namespace, name, ["sh", "-c", ": > /ready"])
-    deploy(wanted, cluster, report=report)
-    assert [r.status for r in history(cluster, make.release)] == ["interrupted", "good"]
-
-
-def test_an_object_made_anew_by_somebody_else_is_not_pruned(
-    cluster: Any, make: Any, report: Any
-) -> None:
-    """Prune deletes the very object that the revision knew, by its UID."""
-    deploy(make.desired(make.config("a"), make.config("b")), cluster, report=report)
-    ref = ObjectRef("v1", "ConfigMap", make.namespace, "b")
-    cluster.delete(ref)
-    cluster.create(make.config("b", theirs="1"))
-    deploy(make.desired(make.config("a")), cluster, report=report)
-    assert cluster.get(ref)["data"] == {"theirs": "1"}

@@ -97,29 +97,6 @@ def test_refused_pods_are_known_before_any_write(
         assert admin.list(version, name, make.namespace) == []
 
 
-@pytest.mark.parametrize(
-    ("kind", "source"),
-    [
-        ("ConfigMap", {"configMapRef": {"name": "nowhere"}}),
-        ("Secret", {"secretRef": {"name": "nowhere"}}),
-    ],
-)
-def test_what_pods_need_and_is_missing_is_known_before_any_write(
-    cluster: Any, make: Any, report: Any, kind: str, source: dict[str, Any]
-) -> None:
-    """A deployer may see ConfigMaps and Secrets: no container has to fail for one."""
-    node = make.deployment(envFrom=[source])
-    wanted = make.desired(node, make.config(a="1"), origins={ref_of(node): ("nodes", "talker")})
-    with pytest.raises(Refused) as caught:
-        deploy(wanted, cluster, report=report)
-    [problem] = caught.value.problems
-    assert (problem.path, problem.kind) == (("nodes", "talker"), "missing-object")
-    missing = f"the {kind} nowhere does not exist in the namespace {make.namespace}"
-    assert missing in problem.message
-    assert cluster.get(ref_of(node)) is None
-    assert cluster.get(ref_of(make.config())) is None
-
-
 def test_all_missing_rights_are_one_list(cluster: Any, admin: Any, make: Any, report: Any) -> None:
     """Without the Role nothing is allowed; with a part of it, what is missing is listed."""
     role = ObjectRef("rbac.authorization.k8s.io/v1", "Role", make.namespace, "rigel-deployer")

@@ -67,17 +67,6 @@ def test_all_claims_are_waited_for_at_once(cluster: Any, make: Any, report: Any)
     assert not any(map(cluster.get, refs))
 
 
-def test_a_claim_that_left_the_rigelfile_is_kept_and_told(
-    cluster: Any, make: Any, report: Any
-) -> None:
-    """An update that drops a claim keeps its data and says how to remove it."""
-    deploy(make.desired(make.claim(), make.config(a="1")), cluster, report=report)
-    deploy(make.desired(make.config(a="2")), cluster, report=report)
-    ref = ObjectRef("v1", "PersistentVolumeClaim", make.namespace, "data")
-    assert cluster.get(ref) is not None
-    assert any("holds data, so it is kept" in text for text in report.warnings)
-
-
 @pytest.mark.parametrize(
     ("size", "storage_class", "message"),
     [

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ConflictError
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.look import look_at
 from rigel_k8s.release.part import Part
@@ -80,18 +79,6 @@ def test_adopt_removes_what_others_have_added(fake: FakeCluster, report: Any) ->
     assert live["spec"]["replicas"] == 1
     assert describe_drift(live) == []
     assert diff(wanted, fake, adopt=True).changes == ()
-
-
-def test_the_replicas_of_a_named_node_are_ours(fake: FakeCluster, report: Any) -> None:
-    """Another number is refused, and put back by --adopt."""
-    wanted = desired(workload(replicas=1))
-    deploy(wanted, fake, report=report)
-    fake.as_manager("kubectl-patch").patch(TALKER, {"spec": {"replicas": 2}})
-    with pytest.raises(ConflictError) as caught:
-        diff(wanted, fake)
-    assert caught.value.details == ("Deployment n/talker: kubectl-patch owns .spec.replicas",)
-    deploy(wanted, fake, report=report, adopt=True)
-    assert fake.objects[TALKER]["spec"]["replicas"] == 1
 
 
 def test_a_scale_of_a_named_node_is_a_change_in_the_plan(fake: FakeCluster, report: Any) -> None:

@@ -136,12 +136,6 @@ def test_an_interruption_is_heard_between_objects(fake: Any, report: Recorder) -
 # History.
 
 
-def test_only_the_newest_good_revision_is_in_force(fake: Any, report: Recorder) -> None:
-    for number in (1, 2, 3):
-        deploy(desired(config(k=str(number))), fake, report=report)
-    assert [r.status for r in history(fake, RELEASE)] == ["superseded", "superseded", "good"]
-
-
 def test_a_rollback_keeps_secrets_as_they_are(fake: Any, report: Recorder) -> None:
     """They stand in no revision: there is nothing to put them back to, and pods want them."""
     for number in (1, 2):

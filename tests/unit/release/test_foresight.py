@@ -73,45 +73,6 @@ def test_refused_pods_are_known_before_any_write(
         diff(wanted, fake)
 
 
-def test_an_invalid_pod_is_refused(fake: Any, report: Any) -> None:
-    """The Deployment of such a pod may be valid: a webhook changes pods, say."""
-    fake.store.refuse = refuse_pods('Pod "talker-x" is invalid: spec: no', status=422)
-    with pytest.raises(Refused, match="cannot be deployed"):
-        deploy(desired(workload()), fake, report=report)
-    assert fake.writes == []
-
-
-def make_rolling(fake: Any) -> dict[str, Any]:
-    """Put a Deployment there that someone else has made, with Kubernetes' own strategy."""
-    made = workload()
-    del made["spec"]["strategy"]
-    fake.create(made)
-    return made
-
-
-def test_an_old_strategy_is_no_refusal(fake: Any, report: Any) -> None:
-    """Apply ends it before; only the dry run has it beside the new one."""
-    make_rolling(fake)
-    found = diff(desired(workload()), fake, adopt=True)
-    assert [step.action for step in found.changes] == ["change"]
-
-
-def test_another_selector_beside_an_old_strategy_is_refused_before_any_write(
-    fake: Any, report: Any
-) -> None:
-    """Each cause of a refusal counts: this one stays after the strategy has ended."""
-    make_rolling(fake)
-    wanted = workload()
-    wanted["spec"]["selector"]["matchLabels"]["other"] = "yes"
-    wanted["spec"]["template"]["metadata"]["labels"]["other"] = "yes"
-    before = list(fake.writes)
-    with pytest.raises(Refused) as caught:
-        deploy(desired(config(), wanted), fake, report=report, adopt=True)
-    [problem] = caught.value.problems
-    assert "never changes which pods a Deployment selects" in problem.message
-    assert fake.writes == before
-
-
 @pytest.mark.parametrize(
     ("live", "wanted", "same"),
     [
@@ -205,18 +166,13 @@ def test_an_account_that_is_to_come_does_not_refuse_its_pods(fake: Any) -> None:
     assert "serviceAccountName" not in pod["spec"]
 
 
-@pytest.mark.parametrize("kind", ["Deployment", "DaemonSet", "StatefulSet"])
-def test_pods_that_are_made_again_and_again_are_tried(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["Deployment", "DaemonSet", "StatefulSet", "Job"])
+def test_pods_of_every_kind_are_tried(kind: str) -> None:
+    """Pod Security judges those of a Job only when the Job makes them, which would then wait."""
     manifest = {**workload(), "kind": kind}
     [trial] = choose_trials([manifest], {}, [manifest])
     assert trial.workloads == (ref_of(manifest),)
     assert trial.pod["spec"] == manifest["spec"]["template"]["spec"]
-
-
-def test_the_pod_of_a_job_is_tried_as_others_are() -> None:
-    """Pod Security judges it only when the Job makes it, which would then wait."""
-    [trial] = choose_trials([{**workload(), "kind": "Job"}], {}, [])
-    assert trial.pod["spec"] == workload()["spec"]["template"]["spec"]
 
 
 def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:

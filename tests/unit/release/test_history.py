@@ -99,14 +99,6 @@ def test_a_revision_is_decompressed_once(fake: Any, report: Any, monkeypatch: An
     assert read == [1]
 
 
-def test_a_damaged_revision_hides_no_other(fake: Any, report: Any) -> None:
-    """It says nothing of what it changed."""
-    deploy(Desired(RELEASE, (workload(),)), fake, report=report)
-    records = revisions.records(fake, RELEASE)
-    records[0].secret["data"] = {"release": "AAAA"}
-    assert History().make_entries(records)[0].status == "good"
-
-
 def test_options_are_shown_with_their_values(fake: Any, report: Any) -> None:
     """As the user wrote them; what differs in pods because of them is not shown again."""
     before = {

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import attrs
 
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION, is_optional
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.causes import Cause
@@ -87,12 +87,6 @@ def test_nothing_is_told_where_it_is_ready_in_time() -> None:
     assert look(standing, 1000, EXTRA)
     account(standing, told).leave_behind()
     assert told.warnings == []
-
-
-def test_an_annotation_says_what_is_optional() -> None:
-    plain: dict[str, Any] = {"metadata": {"name": "x"}}
-    assert not is_optional(plain)
-    assert is_optional({"metadata": {"annotations": {OPTIONAL_ANNOTATION: "true"}}})
 
 
 def test_status_is_good_without_it() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import ClusterError, ConflictError
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL, SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
@@ -60,12 +60,11 @@ def looked(
     live: list[dict[str, Any]],
     results: dict[Any, Any] | None = None,
     inventory: tuple[InventoryItem, ...] = (),
-    namespace: dict[str, Any] | None = NAMESPACE,
 ) -> Survey:
     last = Revision(RELEASE, 1, "good", "", (), inventory)
     there = {ref_of(o): o for o in live}
     return Survey(
-        desired, manifests_to_apply(desired), there, Foreseen(results or {}), namespace, [], last
+        desired, manifests_to_apply(desired), there, Foreseen(results or {}), NAMESPACE, [], last
     )
 
 
@@ -94,13 +93,6 @@ def test_string_data_becomes_data() -> None:
     [sent] = manifests_to_apply(Desired(RELEASE, (made("Secret", "s", stringData={"p": "x"}),)))
     assert sent["data"] == {"p": base64.b64encode(b"x").decode()}
     assert "stringData" not in sent
-
-
-def test_unchanged_objects_are_kept_without_a_dry_run() -> None:
-    """The hash is ours and every field is still owned by us."""
-    desired = Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),))
-    survey = looked(desired, [stored(manifests_to_apply(desired)[0])])
-    assert [s.action for s in compare(survey).steps] == ["keep"]
 
 
 OWNED = {
@@ -153,32 +145,6 @@ def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone(
     assert ours["fieldsV1"] == {"f:a": {}, "f:b": {}}
 
 
-def test_what_nobody_wants_any_more_is_pruned_and_data_are_kept() -> None:
-    """By the inventory; a claim is forgotten, an object with another UID and label too."""
-    old = manifests_to_apply(
-        Desired(
-            RELEASE,
-            (
-                made("ConfigMap", "gone"),
-                made("PersistentVolumeClaim", "data"),
-                made("Deployment", "d"),
-            ),
-        )
-    )
-    live = [stored(m) for m in old]
-    foreign = made("ConfigMap", "foreign")
-    foreign["metadata"]["uid"] = "theirs"
-    items = tuple(InventoryItem(ref_of(o), "u") for o in [*live, foreign])
-    plan = compare(looked(Desired(RELEASE, ()), [*live, foreign], inventory=items))
-    assert [(s.action, s.ref.name) for s in plan.steps] == [
-        ("prune", "d"),
-        ("forget", "data"),
-        ("prune", "gone"),
-        ("forget", "foreign"),
-    ]
-    assert [s.ref.name for s in plan.changes] == ["d", "gone"]
-
-
 def test_a_moved_singleton_names_its_predecessor() -> None:
     """Only a prune whose identity comes back under another name."""
     desired = Desired(RELEASE, (made("Deployment", "new", "/talker"),))
@@ -195,16 +161,6 @@ def test_a_moved_singleton_names_its_predecessor() -> None:
     assert [s.ref.name for s in predecessors(plan)] == ["old"]
 
 
-def test_a_missing_namespace_is_the_first_step() -> None:
-    """And everything in it is new."""
-    desired = Desired(RELEASE, (made("ConfigMap", "c"),), create_namespace=True)
-    plan = compare(looked(desired, [], namespace=None))
-    assert [(s.action, s.ref.kind) for s in plan.steps] == [
-        ("create", "Namespace"),
-        ("create", "ConfigMap"),
-    ]
-
-
 def test_refusals_come_all_at_once_with_their_paths() -> None:
     """Two objects of another release: both told, where they came from, before any conflict."""
     desired = Desired(RELEASE, (made("ConfigMap", "a"), made("ConfigMap", "b")))
@@ -219,18 +175,6 @@ def test_refusals_come_all_at_once_with_their_paths() -> None:
         check(survey, adopt=True)
     assert [p.path for p in caught.value.problems] == [(), ("nodes", "b")]
     assert caught.value.exit_code == 2
-
-
-def test_an_unlabelled_object_needs_adopt() -> None:
-    """Even where no field conflicts: a later down would delete what is not ours."""
-    desired = Desired(RELEASE, (made("ConfigMap", "a"),))
-    theirs = made("ConfigMap", "a")
-    theirs["metadata"].update(uid="x", managedFields=[{"manager": "kubectl", "operation": "Apply"}])
-    survey = looked(desired, [theirs], {ref_of(theirs): theirs})
-    with pytest.raises(ConflictError) as caught:
-        check(survey, adopt=False)
-    assert caught.value.details == ("ConfigMap n/a already exists, made by kubectl",)
-    check(survey, adopt=True)
 
 
 def test_a_record_keeps_everything_but_secrets() -> None:

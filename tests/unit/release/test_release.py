@@ -10,11 +10,10 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
-from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
+from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.locking import lease_ref
-from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.revisions import find_last_good, history
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.types import Desired
@@ -52,25 +51,6 @@ def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any
     assert sorted(verb for verb, _ in fake.calls) == ["get", "get", "list", "list", "list"]
 
 
-def test_all_refusals_are_told_before_any_write(fake: Any, report: Any) -> None:
-    """What a dry run is refused with, for each object, in one error."""
-
-    def refuse(manifest: Any, dry_run: Any) -> Refusal:
-        error = Refusal("invalid")
-        error.status, error.reason = 422, "Invalid"
-        error.causes = (Cause("FieldValueInvalid", "must be small", "data"),)
-        return error
-
-    fake.store.refuse = refuse
-    with pytest.raises(Refused) as caught:
-        deploy(Desired(RELEASE, (config("a"), config("b"))), fake, report=report)
-    assert caught.value.details == (
-        "ConfigMap n/a: data: must be small",
-        "ConfigMap n/b: data: must be small",
-    )
-    assert fake.writes == []
-
-
 def test_a_webhook_without_dry_run_does_not_stop_a_deploy(fake: Any, report: Any) -> None:
     """What cannot be tried is taken as it is written; an object of others is still seen."""
 
@@ -87,17 +67,6 @@ def test_a_webhook_without_dry_run_does_not_stop_a_deploy(fake: Any, report: Any
     fake.as_manager("argo").create(config("theirs"))
     with pytest.raises(ClusterError, match="managed by others"):
         diff(Desired(RELEASE, (config("theirs"),)), fake)
-
-
-def test_what_we_may_not_do_is_the_clusters_own_error(fake: Any, report: Any) -> None:
-    """A 403 about who we are is no problem of the Rigelfile."""
-
-    def refuse(manifest: Any, dry_run: Any) -> Refusal:
-        return Forbidden("you may not")
-
-    fake.store.refuse = refuse
-    with pytest.raises(Refusal, match="you may not"):
-        diff(Desired(RELEASE, (config("a"),)), fake)
 
 
 @pytest.mark.parametrize("asked", ["list", "try"])
@@ -250,12 +219,6 @@ def test_many_failures_do_not_push_the_last_good_revision_out(fake: Any, report:
     deploy(Desired(RELEASE, (config("b"),)), fake, report=report)
     rollback(fake, RELEASE, report=report)
     assert fake.names("ConfigMap") == {"a"}
-
-
-def test_old_revisions_are_forgotten(fake: Any, report: Any) -> None:
-    for number in range(12):
-        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
-    assert [r.number for r in history(fake, RELEASE)] == list(range(3, 13))
 
 
 def test_deploys_that_do_not_end_leave_few_revisions(fake: Any, report: Any) -> None:

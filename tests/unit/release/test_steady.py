@@ -84,20 +84,6 @@ def test_a_crash_that_healed_before_anyone_looked_is_told(
     assert report.warnings == ["talker: container node exited with code 1\n    last words"]
 
 
-def test_a_workload_that_crashes_is_told_with_its_last_words(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And given up when it has crashed for long."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
-    fake.store.controllers = Controllers(crash_status)
-    hasty = Patience(crash=0.1, crash_limit=0.2)
-    message = "talker did not become ready: container node exited with code 1"
-    with pytest.raises(RolloutFailed, match=message) as caught:
-        deploy(desired(workload()), fake, report=report, patience=hasty, timeout=30)
-    assert caught.value.details == ("    last words",)
-    assert report.warnings == []
-
-
 def test_a_crash_is_shown_once_whatever_its_last_words(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

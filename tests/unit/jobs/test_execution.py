@@ -73,8 +73,13 @@ def test_branches_run_side_by_side_each_with_its_own_data(
     assert len(paths) == 4
 
 
-def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: RunContext) -> None:
-    """The other branch is cancelled, no later stage runs, the error names job and branch."""
+def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(
+    around: RunContext, told: Recorder
+) -> None:
+    """The other branch is cancelled, no later stage runs, the error names job and branch.
+
+    Progress ends with failed for the culprit, with stopped for the others.
+    """
     meet, later = Meeting(2), []
 
     def work(job: JobContext) -> None:
@@ -94,21 +99,6 @@ def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: RunCo
     assert type(caught.value.__cause__) is RigelK8sError
     assert caught.value.exit_code == 1
     assert later == []
-
-
-def test_the_failed_job_and_the_stopped_one_are_told_apart(
-    around: RunContext, told: Recorder
-) -> None:
-    """Progress ends with failed for the culprit, with stopped for the others."""
-    meet = Meeting(2)
-
-    def work(job: JobContext) -> None:
-        meet()
-        broken(job) if job.data["robot"] == "r2" else until_cancelled(job)
-
-    body = Jobs((make_job("deploy", work),))
-    with pytest.raises(JobFailed):
-        run_steps(Jobs((make_branches({"robot": ["r1", "r2"]}, body),)), around)
     assert ("/robot=r2", "progress", "deploy: failed") in told.entries
     assert ("/robot=r1", "progress", "deploy: stopped") in told.entries
 
@@ -208,7 +198,7 @@ def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: RunCo
         run_steps(Jobs((step,)), around)
 
 
-def test_a_job_that_fails_stops_its_dependencies(around: RunContext) -> None:
+def test_a_job_that_fails_stops_its_dependencies(around: RunContext, told: Recorder) -> None:
     """The dependency ends before the error is raised; its Interrupted is no failure of its own."""
     ended: list[int] = []
 
@@ -222,6 +212,7 @@ def test_a_job_that_fails_stops_its_dependencies(around: RunContext) -> None:
     with pytest.raises(JobFailed, match="job test: the registry is full"):
         run_steps(Jobs((step,)), around)
     assert ended == [1]
+    assert told.of("warn") == []
 
 
 def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: RunContext) -> None:
@@ -257,23 +248,6 @@ def test_a_job_that_gives_up_by_itself_is_a_failure(around: RunContext) -> None:
 
     with pytest.raises(JobFailed, match="the terminal was closed"):
         run_steps(Jobs((make_job("shell", work),)), around)
-
-
-def test_a_job_that_was_stopped_and_says_so_is_not_told(around: RunContext, told: Recorder) -> None:
-    """Interrupted is the right end of a cancelled job."""
-    meet = Meeting(2)
-
-    def work(job: JobContext) -> None:
-        meet()
-        if job.data["robot"] == "r1":
-            broken(job)
-        until_cancelled(job)
-        raise Interrupted("stopped")
-
-    body = Jobs((make_job("deploy", work),))
-    with pytest.raises(JobFailed, match="registry is full"):
-        run_steps(Jobs((make_branches({"robot": ["r1", "r2"]}, body),)), around)
-    assert told.of("warn") == []
 
 
 def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:

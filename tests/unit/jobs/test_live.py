@@ -75,18 +75,6 @@ def test_providers_are_connected_before_and_disconnected_after(around: RunContex
     ]
 
 
-def test_providers_are_disconnected_after_a_failure(around: RunContext) -> None:
-    """A failed job leaves no connection open."""
-    events: list[str] = []
-
-    def work(job: JobContext) -> None:
-        raise RigelK8sError("no")
-
-    with pytest.raises(JobFailed):
-        run_steps(Jobs((make_job("j", work),)), around, [declare("one", NotingProvider(events))])
-    assert events[-1] == "disconnect connection of one"
-
-
 def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
     around: RunContext,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
+from rigel_k8s.errors import JobFailed, ProblemsError, UserError
 from rigel_k8s.jobs import values
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
@@ -398,10 +398,3 @@ sequences: {deploy_all: {stages: [{jobs: [deploy]}]}}
     chosen = settings(directory, text)
     with pytest.raises(UserError, match=f'unknown {what} "deplyo", did you mean "deploy'):
         run(load(chosen.rigelfile), "deplyo", settings=chosen, report=told)
-
-
-def test_a_failed_run_is_an_error_of_this_package(directory: Path, told: Recorder) -> None:
-    """Whatever fails, callers catch one base class."""
-    text = "jobs: {j: {plugin: mine.Say, with: {say: fail}}}"
-    with pytest.raises(RigelK8sError):
-        job(directory, text, told)

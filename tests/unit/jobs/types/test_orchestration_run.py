@@ -77,14 +77,6 @@ def test_robots_do_not_wait_for_dashboards(
     assert "talker" in fake.names("Deployment")
 
 
-def test_a_refused_job_writes_nothing_whatever_it_installs(run: Any, fake: FakeCluster) -> None:
-    """Neither the stack nor the network is written for an application that is refused."""
-    fake.store.refuse = refuse_talker
-    with pytest.raises(UserError, match="nothing was changed"):
-        run(WHOLE, distro="noetic")
-    assert fake.writes == []
-
-
 def test_all_parts_are_refused_at_once(run: Any, fake: FakeCluster) -> None:
     """What is wrong with the application, and with the stack."""
     fake.store.refuse = refuse_talker

@@ -136,20 +136,14 @@ def stack(fake: FakeCluster, report: Recorder) -> FakeCluster:
 SECRET = ObjectRef("v1", "Secret", "monitoring", ADMIN_SECRET)
 
 
-def test_grafanas_password_stays_with_the_data(stack: FakeCluster, report: Recorder) -> None:
+@pytest.mark.parametrize("volumes", [False, True])
+def test_grafanas_password_stays_or_goes_with_the_data(
+    stack: FakeCluster, report: Recorder, *, volumes: bool
+) -> None:
     """Data that nobody can open are lost."""
-    observability_removal.remove(
-        stack, DeployOptions(report=report), volumes=False, namespace="monitoring"
-    )  # type: ignore[arg-type]
-    assert stack.names("ConfigMap", "PersistentVolumeClaim") == {"data"}
-    assert SECRET in stack.objects
-
-
-def test_grafanas_password_goes_with_the_data(stack: FakeCluster, report: Recorder) -> None:
-    observability_removal.remove(
-        stack, DeployOptions(report=report), volumes=True, namespace="monitoring"
-    )  # type: ignore[arg-type]
-    assert stack.names("ConfigMap", "PersistentVolumeClaim", "Secret") == set()
+    remove_stack(stack, report, volumes=volumes)
+    assert stack.names("ConfigMap", "PersistentVolumeClaim") == (set() if volumes else {"data"})
+    assert (SECRET in stack.objects) is not volumes
 
 
 def test_the_collector_ends_before_what_takes_its_lines(
@@ -167,9 +161,7 @@ def test_the_collector_ends_before_what_takes_its_lines(
         objects.append({"apiVersion": "apps/v1", "kind": kind, "metadata": meta, "spec": spec})
     deploy(Desired(here, tuple(objects)), fake, report=report)  # type: ignore[arg-type]
     fake.calls.clear()
-    observability_removal.remove(
-        fake, DeployOptions(report=report), volumes=False, namespace="monitoring"
-    )  # type: ignore[arg-type]
+    remove_stack(fake, report, volumes=False)
     names = [ref.name for _, ref in fake.writes if isinstance(ref, ObjectRef)]
     assert names[:2] == ["promtail", f"rigel.{STACK}"], "before the removal has its Lease"
     assert fake.names("Deployment", "DaemonSet") == set()
@@ -177,6 +169,4 @@ def test_the_collector_ends_before_what_takes_its_lines(
 
 def test_a_stack_that_is_not_there_is_told(fake: FakeCluster, report: Recorder) -> None:
     with pytest.raises(UserError, match="there is no observability stack"):
-        observability_removal.remove(
-            fake, DeployOptions(report=report), volumes=False, namespace="monitoring"
-        )  # type: ignore[arg-type]
+        remove_stack(fake, report, volumes=False)

@@ -195,15 +195,6 @@ def test_a_delete_is_of_one_object_by_its_uid(cluster: Any) -> None:
     }
 
 
-@pytest.mark.parametrize("write", ["apply", "delete", "create", "replace", "patch"])
-def test_a_write_whose_answer_is_lost_is_sent_twice(serve: Any, write: str) -> None:
-    """Each names its object: a second one changes nothing, or is refused."""
-    client, server = serve(lambda exchange: exchange.hang_up())
-    with pytest.raises(ClusterError, match="does not answer"):
-        client.delete(REF) if write == "delete" else WRITES[write](client)
-    assert len(server.requests) == 2
-
-
 # Reading.
 
 

@@ -60,12 +60,6 @@ def test_a_field_conflict_names_managers_and_fields() -> None:
     assert error.fields == (FieldConflict("kubectl", ".spec.replicas"),)
 
 
-def test_an_answer_that_is_no_json_is_its_own_message() -> None:
-    """A proxy in between speaks HTML or plain text."""
-    error = refusal(502, b"Bad Gateway\n", "list Pods", context="", server="https://k")
-    assert error.message == "cannot list Pods: Bad Gateway"
-
-
 @pytest.mark.parametrize(
     ("url", "expected"),
     [

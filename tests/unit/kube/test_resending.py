@@ -168,14 +168,6 @@ def test_what_is_gone_after_a_conflict_was_deleted(serve: Any) -> None:
     assert cluster.delete(REF, uid="u") is True
 
 
-def test_steps_on_what_was_there_are_not_sent_twice(serve: Any) -> None:
-    """A JSON patch may add an item to a list."""
-    cluster, server = warm(serve, [], last=away)
-    with pytest.raises(ClusterError, match="does not answer"):
-        add_item(cluster)
-    assert len(server.requests) == 2
-
-
 @pytest.mark.parametrize("trouble", [away, say(500), say(502), say(503)])
 def test_not_even_long_work_sends_them_twice(serve: Any, trouble: Any) -> None:
     """What answers so may have carried them out."""

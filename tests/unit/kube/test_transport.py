@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import ssl
-import subprocess
 import threading
 import time
 from base64 import b64encode
@@ -24,6 +23,7 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.kube.transport import Transport
 from rigel_k8s.system.tls import proxy_for
+from tests.support.certificates import AUTHORITY, Authority
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.until import until
 
@@ -290,38 +290,9 @@ def test_a_silent_connection_notices_a_peer_that_is_gone(serve: Any) -> None:
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A certificate of its own for 127.0.0.1 and api.example.com, and its key."""
     directory = tmp_path_factory.mktemp("tls")
-    pem, key = directory / "cert.pem", directory / "key.pem"
-    subprocess.run(
-        [
-            "openssl",
-            "req",
-            "-x509",
-            "-newkey",
-            "ec",
-            "-pkeyopt",
-            "ec_paramgen_curve:P-256",
-            "-nodes",
-        ]
-        + [
-            "-days",
-            "1",
-            "-subj",
-            "/CN=test",
-            "-addext",
-            "subjectAltName=IP:127.0.0.1,DNS:api.example.com",
-        ]
-        + [
-            "-addext",
-            "keyUsage=critical,digitalSignature,keyCertSign",
-            "-keyout",
-            key,
-            "-out",
-            pem,
-        ],
-        check=True,
-        capture_output=True,
-    )
-    return pem, key
+    names = "subjectAltName=IP:127.0.0.1,DNS:api.example.com\n"
+    uses = "keyUsage=critical,digitalSignature,keyCertSign\nsubjectKeyIdentifier=hash\n"
+    return Authority(directory).make("test", AUTHORITY + names + uses), directory / "test.key"
 
 
 @pytest.fixture

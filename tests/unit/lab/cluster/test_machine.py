@@ -38,16 +38,6 @@ def test_another_process_of_the_same_id_is_not_killed(tmp_path: Path) -> None:
         stranger.kill()
 
 
-def test_the_recorded_process_is_ended(tmp_path: Path) -> None:
-    """The very process that was recorded is ended."""
-    with subprocess.Popen(["sleep", "60"]) as ours:
-        live = Process.of(ours.pid)
-        assert live is not None
-        write_record(tmp_path, live)
-        end(tmp_path, "no-such-namespace")
-        assert not live.alive
-
-
 def test_a_machine_that_does_not_start_is_told(tmp_path: Path) -> None:
     """Its log's last lines are in the error."""
     machine = Machine(

@@ -119,11 +119,6 @@ def test_a_pod_that_cannot_end_is_told() -> None:
     assert click.unstyle(text).splitlines()[-1] == f"talker-0: {words}"
 
 
-def test_a_release_that_is_in_order_has_no_reasons() -> None:
-    """Nothing but the table, and that all is well."""
-    assert click.unstyle(status_text(release(TALKER), NOW)).endswith("2m   r/t:1\n\n1 of 1 ready")
-
-
 def test_a_task_is_done() -> None:
     """Its pod has ended as it should, and is no reason to look."""
     (pod,) = TALKER.pods

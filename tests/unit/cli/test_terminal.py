@@ -294,12 +294,3 @@ def test_a_question_that_is_not_answered_with_yes(
     assert terminal.end() == code
     question, rest = terminal.screen()[0], terminal.screen()[1:]
     assert [question.partition("[y/N]:")[2].strip(), *rest] == [*shown, ""]
-
-
-def test_sigterm_interrupts_too(tmp_path: Path) -> None:
-    """The terminal is as before."""
-    terminal = python(WAITING, 80)
-    terminal.until("talker-10")
-    os.kill(terminal.process, signal.SIGINT)
-    assert terminal.end() == 130
-    assert [line for line in terminal.screen() if line][-1] == "interrupted"

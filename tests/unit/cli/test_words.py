@@ -32,7 +32,6 @@ from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rigelfile import render_starter
 from rigel_k8s.settings import Settings
 
-ROOT = Path(__file__).parents[3]
 GLOBAL = ["-f", "robots/Rigelfile", "--context", "lab", "--kubeconfig", "kc", "-n", "test"]
 SETTINGS = Settings(Path("robots/Rigelfile"), "lab", Path("kc"), "test")
 

@@ -15,12 +15,12 @@ from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release import apply
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
 from rigel_k8s.release.types import Desired
 from rigel_k8s.settings import Settings
-from tests.support.controllers import Controllers, unready
+from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
@@ -55,11 +55,6 @@ def test_down_leaves_volumes_unless_they_are_asked_for(fake: Any, report: Record
     assert fake.names("PersistentVolumeClaim") == set()
 
 
-def test_down_of_nothing_is_no_error(fake: Any, report: Recorder) -> None:
-    """A script may end what has ended."""
-    assert releases.down(found(fake), Settings(), report, volumes=True).is_empty
-
-
 def test_down_waits_as_long_as_it_may(
     fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,17 +68,6 @@ def test_down_waits_as_long_as_it_may(
 def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
     deploy(desired(workload(), workload("listener")), fake, report=report)
     assert reading.status(Settings(), None, graph=False).ok
-
-
-def test_status_is_not_well_while_something_is_not_ready(fake: Any, report: Recorder) -> None:
-    """One of two is enough."""
-    deploy(desired(workload("ready")), fake, report=report)
-    fake.store.controllers = Controllers(unready)
-    with pytest.raises(RolloutFailed):
-        deploy(desired(workload("ready"), workload("late")), fake, report=report, timeout=0.1)
-    found = reading.status(Settings(), None, graph=False)
-    assert not found.ok
-    assert {w.name: w.ok for w in found.release.workloads} == {"ready": False, "late": False}
 
 
 def test_one_workload_is_enough() -> None:

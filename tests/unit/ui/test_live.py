@@ -201,18 +201,6 @@ def test_a_release_that_is_not_there_yet_is_waited_for(scene: Scene) -> None:
         scene.until(lambda group=group: scene.feed.list_group(group) == {}, f"the end of {group}")
 
 
-def test_one_set_of_watches_whatever_is_open(scene: Scene) -> None:
-    """A page asks the cluster nothing."""
-    scene.deploy(workload())
-    scene.start()
-    scene.until_state("talker", "ready")
-    before = [call for call in scene.fake.calls if call[0] == "list"]
-    for _ in range(10):
-        scene.feed.write_all()
-        assert scene.feed.get("node/talker")
-    assert [call for call in scene.fake.calls if call[0] == "list"] == before
-
-
 def test_a_cluster_that_is_away_is_reported_and_comes_back(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

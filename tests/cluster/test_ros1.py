@@ -1,4 +1,4 @@
-"""ROS 1 from a Rigelfile on a real cluster: readiness, storage, updates, placement, failures.
+"""ROS 1 from a Rigelfile on a real cluster: readiness, updates, ends.
 
 `rigel` has the rights of the Role for deployers and no others.
 """
@@ -226,54 +226,3 @@ def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
         robot.deploy()
     assert len(set(seen)) > 1, "the update replaced the publisher"
     assert all(one.strip() for one in seen), "there was a publisher at every look"
-
-
-def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
-    """A node that cannot run twice is gone before the new one starts: Recreate."""
-    alone = {"update": {"strategy": "Recreate"}}
-    robot.write({"talker": talker() | alone})
-    robot.deploy()
-    robot.write({"talker": talker() | alone | {"env": {"GENERATION": 2}}})
-
-    def count_running() -> int:
-        running = [
-            p["status"].get("phase") in ("Pending", "Running") for p in robot.every_pod("talker")
-        ]
-        return sum(running)
-
-    with looking(count_running) as together:
-        robot.deploy()
-    assert max(together) == 1
-
-
-def case(name: str, change: dict[str, Any], told: str, *marks: Any) -> Any:
-    """Return what is wrong with a node, and a part of what the deploy says of it."""
-    return pytest.param(change, told, id=name, marks=marks)
-
-
-#: The others run each time without ROS: tests/cluster/release/test_failures.py.
-SLOW = pytest.mark.slow
-CRASH = {"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}
-FAILURES = [
-    case("crash", CRASH, "the wheels fell off"),
-    case("image", {"image": "localhost:1/never:there"}, "never:there", SLOW),
-    case("never ready", {"readiness": {"command": "false"}}, "not ready within 8 s: talker", SLOW),
-    case("cpu", {"resources": {"requests": {"cpu": "900"}}}, "Insufficient cpu", SLOW),
-]
-
-
-@pytest.mark.parametrize(("change", "told"), FAILURES)
-def test_a_roll_out_that_fails_names_the_cause(
-    robot: Robot, change: dict[str, Any], told: str
-) -> None:
-    """Exit code 1, the node and the cause: no waiting for a timeout to learn it from kubectl.
-
-    The last two need the time that they are given: never ready is nothing but that.
-    """
-    waits = "command" in change.get("readiness", {}) or "resources" in change
-    robot.write({"talker": talker() | change})
-    done = robot.rigel("run", "job", "deploy", "--timeout", "8s" if waits else "4m", check=False)
-    assert done.returncode == 1
-    assert told in done.stderr
-    assert "talker" in done.stderr
-    assert "Traceback" not in done.stderr

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube.failures import Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import apply
 from rigel_k8s.release import types as order
@@ -59,26 +57,6 @@ def test_what_is_bound_and_used_is_applied_before() -> None:
     kinds = ("CustomResourceDefinition", "Role", "RoleBinding", "Deployment")
     waves = [order.wave(kind) for kind in kinds]
     assert waves == sorted(set(waves))
-
-
-def test_a_role_is_there_before_it_is_bound(fake: FakeCluster, report: Any) -> None:
-    """For a user without the right to bind any Role, Kubernetes looks up what the Role grants."""
-    api = "rbac.authorization.k8s.io"
-    meta = {"name": "gate", "namespace": "n"}
-    role = {"apiVersion": f"{api}/v1", "kind": "Role", "metadata": meta, "rules": []}
-    bound = {"apiGroup": api, "kind": "Role", "name": "gate"}
-    binding = {**role, "kind": "RoleBinding", "roleRef": bound}
-    del binding["rules"]
-
-    def refuse(live: Any, dry_run: Any) -> Refusal | None:
-        if live["kind"] != "RoleBinding" or ref_of(role) in fake.objects:
-            return None
-        answer = json.dumps({"message": 'rolebindings "gate" not found'}).encode()
-        return refusal(404, answer, "apply RoleBinding n/gate", context="c", server="s")
-
-    fake.store.refuse = refuse
-    deploy(desired(binding, role, workload()), fake, report=report)
-    assert ref_of(binding) in fake.objects
 
 
 def test_nodes_are_applied_when_their_master_is_ready(

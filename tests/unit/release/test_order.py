@@ -93,12 +93,13 @@ def test_a_changed_master_is_ready_before_changed_nodes(
 def test_the_old_pod_of_a_ros_name_ends_before_its_successor_starts(
     fake: FakeCluster, report: Any, seen: Any
 ) -> None:
-    """Two nodes of one ROS 1 name would throw each other out."""
-    deploy(desired(workload("old", singleton="/talker")), fake, report=report)
+    """Two nodes of one ROS 1 name would throw each other out; another name is in no one's way."""
+    before = workload("old", singleton="/talker"), workload("other", singleton="/other")
+    deploy(desired(*before), fake, report=report)
     slow(fake, old=20)
     deploy(desired(workload("new", singleton="/talker")), fake, report=report)
-    assert seen("delete", "old") == {"old": True}
-    assert seen("apply", "new") == {}
+    assert seen("delete", "old") == {"old": True, "other": True}
+    assert seen("apply", "new") == {"other": True}
 
 
 def test_other_workloads_go_when_the_new_are_ready(

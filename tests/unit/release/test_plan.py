@@ -11,12 +11,11 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.labelling import covers, hash_of, managers, manifests_to_apply, take_over
-from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check
 from rigel_k8s.release.survey import Survey
@@ -26,46 +25,10 @@ RELEASE = ReleaseId("n", "demo")
 NAMESPACE = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}}
 
 
-def made(kind: str, name: str, singleton: str = "", **content: Any) -> dict[str, Any]:
-    meta: dict[str, Any] = {"name": name, "namespace": "n"}
-    if singleton:
-        meta["annotations"] = {SINGLETON_ANNOTATION: singleton}
+def made(kind: str, name: str, **content: Any) -> dict[str, Any]:
     version = "apps/v1" if kind == "Deployment" else "v1"
+    meta = {"name": name, "namespace": "n"}
     return {"apiVersion": version, "kind": kind, "metadata": meta, **content}
-
-
-def fields(value: Any) -> dict[str, Any]:
-    """Return the ownership of all of a value, as server-side apply would record it."""
-    if isinstance(value, dict):
-        return {f"f:{key}": fields(part) for key, part in value.items()}
-    return {}
-
-
-def stored(manifest: dict[str, Any], uid: str = "u") -> dict[str, Any]:
-    """Return a prepared manifest as it is on the cluster after an apply."""
-    body = {k: v for k, v in manifest.items() if k not in ("apiVersion", "kind", "metadata")}
-    meta = {k: manifest["metadata"][k] for k in ("labels", "annotations")}
-    entry = {
-        "manager": "rigel",
-        "operation": "Apply",
-        "apiVersion": "v1",
-        "fieldsV1": fields({**body, "metadata": meta}),
-    }
-    own = {"uid": uid, "resourceVersion": "1", "managedFields": [entry]}
-    return {**manifest, "metadata": {**manifest["metadata"], **own}}
-
-
-def looked(
-    desired: Desired,
-    live: list[dict[str, Any]],
-    results: dict[Any, Any] | None = None,
-    inventory: tuple[InventoryItem, ...] = (),
-) -> Survey:
-    last = Revision(RELEASE, 1, "good", "", (), inventory)
-    there = {ref_of(o): o for o in live}
-    return Survey(
-        desired, manifests_to_apply(desired), there, Foreseen(results or {}), NAMESPACE, [], last
-    )
 
 
 def test_what_is_sent_is_labelled_hashed_and_in_order() -> None:
@@ -145,22 +108,6 @@ def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone(
     assert ours["fieldsV1"] == {"f:a": {}, "f:b": {}}
 
 
-def test_a_moved_singleton_names_its_predecessor() -> None:
-    """Only a prune whose identity comes back under another name."""
-    desired = Desired(RELEASE, (made("Deployment", "new", "/talker"),))
-    old = [
-        stored(m)
-        for m in manifests_to_apply(
-            Desired(
-                RELEASE, (made("Deployment", "old", "/talker"), made("Deployment", "x", "/other"))
-            )
-        )
-    ]
-    items = tuple(InventoryItem(ref_of(o), "u") for o in old)
-    plan = compare(looked(desired, old, inventory=items))
-    assert [s.ref.name for s in predecessors(plan)] == ["old"]
-
-
 def test_refusals_come_all_at_once_with_their_paths() -> None:
     """Two objects of another release: both told, where they came from, before any conflict."""
     desired = Desired(RELEASE, (made("ConfigMap", "a"), made("ConfigMap", "b")))
@@ -170,7 +117,9 @@ def test_refusals_come_all_at_once_with_their_paths() -> None:
         other = made("ConfigMap", name)
         other["metadata"]["labels"] = {RELEASE_LABEL: "other"}
         live.append(other)
-    survey = looked(desired, live, {ref_of(o): o for o in live})
+    there = {ref_of(o): o for o in live}
+    sent = manifests_to_apply(desired)
+    survey = Survey(desired, sent, there, Foreseen(there), NAMESPACE, [], None)
     with pytest.raises(Refused) as caught:
         check(survey, adopt=True)
     assert [p.path for p in caught.value.problems] == [(), ("nodes", "b")]

@@ -35,21 +35,7 @@ class Robot:
             "nodes": nodes,
             **options,
         }
-        jobs = {
-            "deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job},
-            "update": {
-                "plugin": "src.plugin.OrchestrationPlugin",
-                "with": {
-                    "orchestration": {
-                        "rolling_update": {
-                            "strategy": "Rolling",
-                            "max_surge": 1,
-                            "max_unavailable": 0,
-                        }
-                    }
-                },
-            },
-        }
+        jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
         self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
 
     def rigel(self, *words: str, **options: Any) -> Any:

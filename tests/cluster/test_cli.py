@@ -198,14 +198,6 @@ def test_nodes_have_many_names(robot: Robot) -> None:
     assert "lab-listener, ros-master, talker" in error
 
 
-def test_exec_has_ros_set_up_and_passes_the_exit_code_on(robot: Robot) -> None:
-    """As if one stood in the container's own shell; standard input goes in with -i."""
-    assert "/lab/listener" in robot("exec", "talker", "--", "rosnode", "list").stdout
-    assert robot("exec", "talker", "--", "sh", "-c", "echo no >&2; exit 7", code=7).stderr == "no\n"
-    assert robot("exec", "-i", "talker", "--", "tr", "a-z", "A-Z", input="abc").stdout == "ABC"
-    assert "no-such-command" in robot("exec", "talker", "--", "no-such-command", code=127).stderr
-
-
 def test_a_command_ends_with_its_caller(robot: Robot) -> None:
     """Kubernetes leaves it alone, and one that listens to a silent topic would stay there."""
     words = robot.command("exec", "talker", "--", "sleep", "77777")

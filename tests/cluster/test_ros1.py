@@ -1,4 +1,4 @@
-"""ROS 1 from a Rigelfile on a real cluster: readiness, updates, ends.
+"""ROS 1 from a Rigelfile on a real cluster: a changed master, updates, ends.
 
 `rigel` has the rights of the Role for deployers and no others.
 """
@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 import pytest
 
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
 from .robot import Robot
@@ -86,27 +85,6 @@ def eventually(what: str, check: Callable[[], Any], seconds: float = 240) -> Any
     return until(check, what, seconds, every=0.5)
 
 
-def test_orphans_of_a_lost_roscore_turn_unready_and_status_says_why(robot: Robot) -> None:
-    """Without a gate a roscore that comes back knows nobody: every node is told as orphaned."""
-    robot.write({"talker": talker(), "listener": python(LISTENER)}, gate=False)
-    robot.deploy()
-    master = robot.pods("ros-master")[0]["metadata"]["name"]
-    robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
-    for name in ("talker", "listener"):
-        eventually(f"{name} is NotReady", lambda name=name: not robot.ready(name))
-    eventually("the master is back", lambda: robot.ready("ros-master"))
-    told = eventually(
-        "status names the cause",
-        lambda: (
-            (d := robot.rigel("status", check=False)).returncode == 1
-            and "master" in d.stdout.split("\n\n", 1)[-1]
-            and d.stdout
-        ),
-    )
-    assert "talker" in told
-    assert "listener" in told
-
-
 def signal_rospy(robot: Robot, name: str, signal: str) -> None:
     """Send a signal to the rospy process of a pod; process 1 cannot be stopped from inside."""
     robot.run(
@@ -130,23 +108,6 @@ def test_a_stopped_process_turns_unready_and_comes_back(robot: Robot) -> None:
     eventually("talker is NotReady", lambda: not robot.ready("talker"))
     signal_rospy(robot, "talker", "CONT")
     eventually("talker is ready again", lambda: robot.ready("talker"))
-
-
-def restarts(robot: Robot, name: str) -> int:
-    """Return how often a workload's containers were restarted."""
-    return sum(
-        status["restartCount"]
-        for pod in robot.pods(name)
-        for status in pod["status"]["containerStatuses"]
-    )
-
-
-def test_nodes_start_after_their_master(robot: Robot) -> None:
-    """A node that asks the master for a parameter at once finds it: nothing crashes at first."""
-    hasty = "import rospy; rospy.get_param('/rosversion'); " + TALKER.format(anonymous=False)
-    robot.write({"talker": python(hasty)})
-    robot.deploy()
-    assert restarts(robot, "talker") == 0
 
 
 def test_a_changed_master_takes_its_nodes_along(robot: Robot) -> None:
@@ -203,17 +164,6 @@ def test_a_node_that_left_the_rigelfile_is_pruned(robot: Robot) -> None:
     robot.deploy()
     assert robot.deployments() == {"ros-master", "talker"}
     assert robot.pods("talker")[0]["metadata"]["uid"] == kept
-
-
-def test_a_job_that_describes_a_part_resets_and_prunes_nothing(robot: Robot) -> None:
-    """src.plugin's update job names no master, no nodes, no images: they stay as they are."""
-    robot.write({"talker": talker(), "listener": python(LISTENER)})
-    robot.deploy()
-    before = {n: robot.pods(n)[0]["metadata"]["uid"] for n in ("ros-master", "talker", "listener")}
-    robot.rigel("run", "job", "update")
-    assert robot.deployments() == {"ros-master", "talker", "listener"}
-    after = {n: robot.pods(n)[0]["metadata"]["uid"] for n in before}
-    assert after == before
 
 
 def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:

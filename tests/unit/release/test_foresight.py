@@ -231,18 +231,6 @@ def test_a_role_is_no_remedy_for_a_right_in_the_whole_cluster(
     assert caught.value.hint == remedies.get("PersistentVolume", other)
 
 
-def test_rights_in_the_namespace_and_outside_have_a_remedy_each(fake: Any, report: Any) -> None:
-    """A user without any right gets both at once."""
-    fake.store.rules = []
-    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
-    wanted = Desired(RELEASE, (volume, config()), remedies={"PersistentVolume": "another way"})
-    with pytest.raises(Forbidden) as caught:
-        deploy(wanted, fake, report=report)
-    way, usual = (caught.value.hint or "").split("; ")
-    assert way == "another way"
-    assert "`rigel -n n rbac deployer --user YOU | kubectl apply -f -`" in usual
-
-
 def test_a_refused_look_lists_all_missing_rights_too(fake: Any, report: Any) -> None:
     """The first request that is refused would name one right alone."""
     fake.store.rules = []

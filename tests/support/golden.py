@@ -1,28 +1,38 @@
-"""Golden files: a whole one for each shape, and what differs from it in the others.
+"""Golden files: what is written as it is, and what differs from it.
 
-A file has a YAML document for each object. Objects of a whole file are written as they are. In
-another file, an object that resembles one of a whole file, or an earlier one of its own, has only
-what differs:
+A file has a YAML document for each object. One that resembles no other one is as it is. Of
+another one a file has only what differs:
 
-    like: nodes Deployment talker       # of nodes.yaml; that is all if nothing differs
+    like: nodes Deployment talker as camera  # of nodes.yaml, named camera wherever talker is
     metadata:
-      name: camera                      # another value, or a key that the other one does not have
       annotations: (removed)
+      labels:
+        arm: left                     # another value, or a key that the other one does not have
     spec:
       template:
         spec:
           containers:
-          - name: ros-node              # a list whose items have names: all of it, in its order
+          - name: ros-node            # a list whose items have names: all of it, in its order
             image: camera:2
-          - = gate                      # an item that is the same
+          - = gate                    # an item that is the same
+          - = first ... last          # all from one to another, as in the other list
+    data:
+      config.yaml: |                  # a text: what changes, and the lines around it
+        (changed)
+         scrape_configs:
+        -  interval: 15s
+        +  interval: 10s
 
-So a probe that changes everywhere changes the whole files only. `--update-golden` writes them.
+So a probe that changes everywhere changes few files. An object may resemble one of the models, an
+earlier one of its own file, or what an earlier file has as it is. `--update-golden` writes them.
 """
 
 from __future__ import annotations
 
+import difflib
 import functools
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +40,9 @@ from typing import Any
 from rigel_k8s.yaml_text import documents
 
 REMOVED = "(removed)"
+CHANGED = "(changed)"
+TO = " ... "
+AS = " as "
 #: What an item of a list may be called by.
 NAMES = ("name", "mountPath")
 #: An object is written whole if no more than this part of its lines would be left out.
@@ -41,19 +54,25 @@ class Golden:
 
     Args:
         make: returns the objects of a case.
-        whole: the cases whose files are whole.
+        models: the cases that are compared first, whose objects all others may resemble.
+        cases: all cases.
     """
 
     def __init__(
-        self, folder: Path, make: Callable[[str], Iterable[Any]], whole: Sequence[str]
+        self,
+        folder: Path,
+        make: Callable[[str], Iterable[Any]],
+        models: Sequence[str],
+        cases: Iterable[str],
     ) -> None:
-        self.folder, self.whole = folder, whole
+        self.folder, self.models = folder, models
+        self.cases = [*models, *(case for case in cases if case not in models)]
+        self.shorten = functools.cache(self.find_differences)
         self.make = functools.cache(lambda case: json.loads(json.dumps(list(make(case)))))
 
     def compare(self, case: str, *, update: bool) -> None:
         """Compare a case's objects with its file, or write it."""
-        made = self.make(case)
-        written = made if case in self.whole else self.shorten(case)
+        made, written = self.make(case), self.shorten(case)
         assert [self.restore(item) for item in written] == made
         text = documents(written)
         file = self.folder / f"{case}.yaml"
@@ -61,9 +80,12 @@ class Golden:
             file.write_text(text, "utf-8")
         assert text == file.read_text("utf-8")
 
-    def shorten(self, case: str) -> list[Mapping[str, Any]]:
-        """Return a case's objects by what differs: from whole ones, or from earlier ones here."""
-        known = [(other, item) for other in self.whole for item in self.make(other)]
+    def find_differences(self, case: str) -> list[Mapping[str, Any]]:
+        """Return a case's objects by what differs: from others' that are whole, or earlier ones."""
+        known: list[tuple[str, Any]] = []
+        for other in self.cases[: self.cases.index(case)]:
+            both = zip(self.make(other), self.shorten(other), strict=True)
+            known += [(other, i) for i, written in both if other in self.models or i == written]
         written = []
         for item in self.make(case):
             written.append(find_shortest(item, known))
@@ -75,7 +97,10 @@ class Golden:
         if "like" not in item:
             return item
         case, _, wanted = item["like"].partition(" ")
+        wanted, _, name = wanted.partition(AS)
         (other,) = (other for other in self.make(case) if title(other) == wanted)
+        if name:
+            other = rename(other, name)
         return apply(other, {key: value for key, value in item.items() if key != "like"})
 
 
@@ -87,10 +112,12 @@ def find_shortest(
     for case, other in known:
         if kind(other) != kind(item):
             continue
-        made = {"like": f"{case} {title(other)}", **(differ(other, item) or {})}
-        lines = len(documents([made]).splitlines())
-        if lines < least:
-            best, least = made, lines
+        like, name = f"{case} {title(other)}", title(item).split()[-1]
+        for old, text in ((other, like), (rename(other, name), f"{like}{AS}{name}")):
+            made = {"like": text, **(differ(old, item) or {})}
+            lines = len(documents([made]).splitlines())
+            if lines < least:
+                best, least = made, lines
     return best
 
 
@@ -106,6 +133,12 @@ def title(item: Mapping[str, Any]) -> str:
     return " ".join(map(str, next(iter(item.items()))))
 
 
+def rename(item: Any, name: str) -> Any:
+    """Return an object with another name, wherever its own one stands in it."""
+    old = re.escape(title(item).split()[-1])
+    return json.loads(re.sub(rf"(?<![\w-]){old}(?![\w-])", name, json.dumps(item)))
+
+
 def differ(old: Any, new: Any) -> Any:
     """Return how a value is written beside another one; None if they are the same."""
     if old == new:
@@ -116,18 +149,56 @@ def differ(old: Any, new: Any) -> Any:
         }
         changed = {k: v for k, v in parts.items() if v is not None or k not in old}
         return {**changed, **{key: REMOVED for key in old if key not in new}}
+    if is_text(old) and is_text(new):
+        return differ_text(old, new)
     name = find_name(old, new)
-    if not name:
-        return new
+    return differ_items(old, new, name) if name else new
+
+
+def differ_items(old: Sequence[Any], new: Sequence[Any], name: str) -> list[Any]:
+    """Return how a list is written beside another one, its items by their names."""
     known = {item[name]: item for item in old}
-    return [
-        {name: item[name], **(differ(known[item[name]], item) or {})}
-        if item[name] in known and known[item[name]] != item
-        else f"= {item[name]}"
-        if item[name] in known
-        else item
-        for item in new
-    ]
+    places = {item[name]: place for place, item in enumerate(old)}
+    made: list[Any] = []
+    run: list[str] = []  # the names that the last item stands for
+    for item in new:
+        title = item[name]
+        if title not in known:
+            made.append(item)
+        elif known[title] != item:
+            made.append({name: title, **(differ(known[title], item) or {})})
+        elif run and places[title] == places[run[-1]] + 1:
+            run.append(title)
+            made[-1] = f"= {run[0]}{TO}{title}"
+            continue
+        else:
+            made.append(f"= {title}")
+            run = [title]
+            continue
+        run = []
+    return made
+
+
+def differ_text(old: str, new: str) -> str:
+    """Return how a text is written beside another one: as it is, if most of its lines change."""
+    for context in (1, 3, 6):
+        lines = list(difflib.unified_diff(old.split("\n"), new.split("\n"), n=context, lineterm=""))
+        made = "\n".join(CHANGED if line.startswith("@@ ") else line for line in lines[2:])
+        if len(lines) < len(new.split("\n")) * (1 - LEAST) and apply_text(old, made) == new:
+            return made
+    return new
+
+
+def apply_text(old: str, change: str) -> str:
+    """Return the text that `differ_text` has written so."""
+    rest, made = old.split("\n"), []
+    for part in f"\n{change}".split(f"\n{CHANGED}\n")[1:]:
+        lines = part.split("\n")
+        before = [line[1:] for line in lines if line[0] != "+"]
+        place = next(n for n in range(len(rest)) if rest[n : n + len(before)] == before)
+        made += rest[:place] + [line[1:] for line in lines if line[0] != "-"]
+        rest = rest[place + len(before) :]
+    return "\n".join(made + rest)
 
 
 def apply(old: Any, change: Any) -> Any:
@@ -136,23 +207,34 @@ def apply(old: Any, change: Any) -> Any:
         made = {key: value for key, value in old.items() if change.get(key) != REMOVED}
         parts = {key: value for key, value in change.items() if value != REMOVED}
         return made | {k: apply(old[k], v) if k in old else v for k, v in parts.items()}
+    if is_text(old) and isinstance(change, str) and change.startswith(f"{CHANGED}\n"):
+        return apply_text(old, change)
     name = next((n for n in NAMES if is_named(old, n) and is_written_by(n, old, change)), "")
-    if name:
-        known = {item[name]: item for item in old}
-        return [
-            known[item.removeprefix("= ")]
-            if isinstance(item, str)
-            else apply(known[item[name]], item)
-            if item[name] in known
-            else item
-            for item in change
-        ]
-    return change
+    return apply_items(old, change, name) if name else change
+
+
+def apply_items(old: Sequence[Any], change: Sequence[Any], name: str) -> list[Any]:
+    """Return the list that `differ_items` has written so."""
+    titles = [item[name] for item in old]
+    known = dict(zip(titles, old, strict=True))
+    made: list[Any] = []
+    for item in change:
+        if isinstance(item, str):
+            first, _, last = item.removeprefix("= ").partition(TO)
+            made += old[titles.index(first) : titles.index(last or first) + 1]
+        else:
+            made.append(apply(known[item[name]], item) if item[name] in known else item)
+    return made
 
 
 def find_name(old: Any, new: Any) -> str:
     """Return by which key the items of two lists are found, "" if by none."""
     return next((name for name in NAMES if is_named(old, name) and is_named(new, name)), "")
+
+
+def is_text(value: Any) -> bool:
+    """Whether a value is a text of lines."""
+    return isinstance(value, str) and "\n" in value
 
 
 def is_named(items: Any, name: str) -> bool:
@@ -166,7 +248,10 @@ def is_named(items: Any, name: str) -> bool:
 
 def is_written_by(name: str, old: list[Any], change: Any) -> bool:
     """Whether a list is written by the names of its items."""
-    known = {f"= {item[name]}" for item in old}
+    known = {item[name] for item in old}
     return isinstance(change, list) and all(
-        name in item if isinstance(item, dict) else item in known for item in change
+        name in item
+        if isinstance(item, dict)
+        else isinstance(item, str) and known.issuperset(item.removeprefix("= ").split(TO))
+        for item in change
     )

@@ -20,7 +20,10 @@ def make(case: str) -> Iterable[Any]:
 
 
 FOLDER = Golden(
-    GOLDEN, make, ("macvlan-jazzy", "peers-jazzy", "discovery-server", "zenoh", "host-jazzy")
+    GOLDEN,
+    make,
+    ("macvlan-jazzy", "peers-jazzy", "discovery-server", "zenoh", "host-jazzy"),
+    CASES,
 )
 
 

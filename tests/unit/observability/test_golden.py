@@ -50,7 +50,6 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "promtail-existing": (f"collector: promtail\n{EXISTING}", {}),
     "no-storage": ("{grafana: {enabled: false}, network_policies: false}", {"claims": False}),
     "logs-only": ("{prometheus: {enabled: false}, grafana: {enabled: false}}", {}),
-    "promtail": ("collector: promtail", {}),
     "metrics-only": ("{loki: {enabled: false}, ros_metrics: false}", {}),
 }
 
@@ -61,7 +60,7 @@ def made(case: str) -> Desired:
     return release(text, **more)
 
 
-FOLDER = Golden(GOLDEN, lambda case: made(case).objects, ("default", "everything"))
+FOLDER = Golden(GOLDEN, lambda case: made(case).objects, ("default", "everything"), CASES)
 
 
 @pytest.mark.parametrize("case", sorted(CASES))

@@ -33,7 +33,6 @@ OWN_IMAGES = Install(
 CASES = {
     "plain": on(platform("plain")),
     "k3s": on(K3S),
-    "k3s-leda": on(platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
     "k3s-old": on(platform("k3s", version="v1.27.4+k3s1")),
     "microk8s": on(platform("microk8s")),
     "kind": on(platform("kind")),
@@ -62,7 +61,7 @@ def make(case: str) -> list[Any]:
     return [item for item in found if item["kind"] in ALIKE]
 
 
-FOLDER = Golden(GOLDEN, make, ("alike", "plain"))
+FOLDER = Golden(GOLDEN, make, ("alike", "plain", "k3s"), CASES)
 
 
 @pytest.mark.parametrize("case", CASES)

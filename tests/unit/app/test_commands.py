@@ -56,16 +56,6 @@ def test_arguments_keep_the_entrypoint(node: str, args: list[str]) -> None:
     assert command(node) == Command(args=args)
 
 
-def test_command_replaces_the_entrypoint() -> None:
-    """Who writes command gets command."""
-    assert command("{command: /opt/run}") == Command(command=["/opt/run", "__name:=n"])
-
-
-def test_an_image_may_say_all() -> None:
-    """Neither args nor command: nothing is written, the image's CMD runs."""
-    assert command("{}") == Command()
-
-
 @pytest.mark.parametrize(
     ("args", "words"),
     [
@@ -148,14 +138,6 @@ def test_the_loader_says_what_is_missing(tmp_path: Path) -> None:
     )
     assert done.returncode == 127
     assert "no rosparam" in done.stderr
-
-
-def test_namespaces_are_in_the_environment() -> None:
-    """ROS_NAMESPACE works for programs, shells and roslaunch alike."""
-    text = "{image: a, nodes: {n: {args: x, namespace: r1}, m: {args: x, name: /r2/m}, o: {}}}"
-    made = release(text)
-    found = [env(made, name).get("ROS_NAMESPACE") for name in ("n", "m", "o")]
-    assert found == ["/r1", "/r2", None]
 
 
 def test_the_users_environment_wins() -> None:

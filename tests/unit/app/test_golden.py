@@ -40,22 +40,6 @@ def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: boo
     FOLDER.compare(case, update=update_golden)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_every_object_is_marked_as_the_releases(case: str) -> None:
-    """Labels select, name the release and the tool; the selector is src.plugin's."""
-    made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
-    for item in made.objects:
-        labels = item["metadata"]["labels"]
-        assert labels["rigel-k8s/release"] == made.release.name
-        assert labels["app.kubernetes.io/managed-by"] == "rigel"
-        if item["kind"] == "Deployment":
-            selector = item["spec"]["selector"]["matchLabels"]
-            assert selector == {"app.kubernetes.io/name": item["metadata"]["name"]}
-            template = item["spec"]["template"]["metadata"]["labels"]
-            assert selector.items() <= template.items()
-            assert template["rigel-k8s/release"] == made.release.name
-
-
 #: Containers that are no ROS program: exporter, gate, and what a Rigelfile brings itself.
 NOT_ROS = ("ros-exporter", "gate", "sidecar", "mine", "global-parameters")
 
@@ -78,17 +62,6 @@ def test_every_ros_container_is_asked_to_stop(case: str) -> None:
     for container in found:
         hook = container["lifecycle"]["preStop"]["exec"]["command"]
         assert hook[:2] == ["/bin/sh", "/rigel-k8s/stop.sh"], container["name"]
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_no_startup_probe_gives_up_on_a_ros_program(case: str) -> None:
-    """A node that waits for its master for an hour is not killed for it."""
-    for container in ros_containers(case):
-        probe = container.get("startupProbe")
-        if probe is None:
-            assert "readinessProbe" not in container
-        else:
-            assert probe["failureThreshold"] * probe["periodSeconds"] > 10 * 365 * 86400
 
 
 def test_building_leaves_the_options_alone() -> None:

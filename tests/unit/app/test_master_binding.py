@@ -56,22 +56,6 @@ def test_a_robots_own_master_binds_nothing() -> None:
     assert MASTER_ANNOTATION not in found["talker"]
 
 
-def test_the_master_comes_first() -> None:
-    """Only roscore is marked as what the others wait for."""
-    made = draft(
-        OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
-        ReleaseId("lab", "app"),
-        Application("noetic"),
-        Texts({"ready.sh": ""}),
-    ).finish()
-    first = [
-        item["metadata"]["name"]
-        for item in made.objects
-        if FIRST_ANNOTATION in item["metadata"].get("annotations", {})
-    ]
-    assert first == ["ros-master"]
-
-
 FOR_EVER = {"key": "node.kubernetes.io/unreachable", "operator": "Exists", "effect": "NoExecute"}
 
 

@@ -10,7 +10,7 @@ from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.release.types import Desired
 from tests.support.podsecurity import list_missing
 
-from .shapes import GOLDEN, env, find, pod, problems, release
+from .shapes import GOLDEN, find, pod, problems, release
 
 FILES = {
     "config/planner.yaml": "speed: 1\n",
@@ -83,30 +83,6 @@ def test_only_what_has_pods_changes(case: str) -> None:
     assert others(restricted(ALLOWED[case])) == others(ALLOWED[case])
 
 
-def test_what_a_rigelfile_sets_itself_stays() -> None:
-    """A user, a writable image, variables and volumes of a node's own win."""
-    made = release(
-        restricted(
-            "image: a\nnodes: {n: {args: [x], env: {HOME: /data, ROS_LOG_DIR: /data/log},"
-            " security_context: {runAsUser: 5, readOnlyRootFilesystem: false,"
-            " capabilities: {add: [NET_BIND_SERVICE]}},"
-            " volumes: [{memory: 1Mi, mount_path: /tmp/}],"
-            " patch: {spec: {template: {spec: {securityContext: {fsGroup: 7}}}}}}}"
-        )
-    )
-    spec = pod(made, "n")
-    [node] = spec["containers"]
-    assert spec["securityContext"]["fsGroup"] == 7
-    assert node["securityContext"]["runAsUser"] == 5
-    assert node["securityContext"]["readOnlyRootFilesystem"] is False
-    assert node["securityContext"]["capabilities"] == {"add": ["NET_BIND_SERVICE"], "drop": ["ALL"]}
-    assert env(made, "n")["HOME"] == "/data"
-    assert env(made, "n")["ROS_LOG_DIR"] == "/data/log"
-    assert [m["name"] for m in node["volumeMounts"] if m["mountPath"].startswith("/tmp")] == [
-        "volume-0"
-    ]
-
-
 def test_a_volume_of_the_same_name_stays_as_it_is() -> None:
     """A patch may choose another medium for what is written."""
     own = {"name": "rigel-tmp", "emptyDir": {"medium": "Memory"}}
@@ -141,24 +117,6 @@ def test_the_first_directories_belong_to_the_nodes_own_user() -> None:
     assert home["securityContext"]["runAsUser"] == 5
 
 
-def test_user_and_writable_image_are_options() -> None:
-    """`security: {user: N, read_only: false}` is for images that need it."""
-    spec = pod(
-        release("image: a\nnodes: {n: {args: [x]}}\nsecurity: {user: 33, read_only: false}"), "n"
-    )
-    own = spec["securityContext"]
-    assert (own["runAsUser"], own["runAsGroup"], own["fsGroup"]) == (33, 33, 33)
-    assert "readOnlyRootFilesystem" not in spec["containers"][0]["securityContext"]
-
-
-def test_programs_without_ros_get_a_home_and_no_variables_of_ros() -> None:
-    """`ros: none` beside ROS nodes."""
-    made = release(restricted("image: a\nnodes: {n: {ros: none, args: [x]}, t: {args: [t]}}"))
-    assert not any(name.startswith("ROS_") for name in env(made, "n"))
-    assert env(made, "n")["HOME"] == "/rigel-k8s-home"
-    assert "initContainers" not in pod(made, "n")
-
-
 @pytest.mark.parametrize(("source", "warned"), [("10.0.0.0/8", False), ("other", True)])
 def test_addresses_let_pods_on_the_machines_network_in(source: str, warned: Any) -> None:
     """A release does not: such pods have the machine's address."""
@@ -174,17 +132,6 @@ def test_an_address_in_a_range_stands_for_the_range() -> None:
     made = release("image: a\nnetwork_policy: {allow: [192.168.1.5/24]}\nnodes: {n: {args: [x]}}")
     [rule] = find(made, "NetworkPolicy", made.release.name)["spec"]["ingress"]
     assert {"ipBlock": {"cidr": "192.168.1.0/24"}} in rule["from"]
-
-
-def test_policies_select_and_admit_the_release_by_the_label_of_its_pods() -> None:
-    """Each Deployment's pods have the labels that the policy is about."""
-    made = release("image: a\nnetwork_policy: true\nnodes: {n: {args: [x]}}")
-    policy = find(made, "NetworkPolicy", made.release.name)["spec"]
-    own = policy["podSelector"]["matchLabels"]
-    assert policy["ingress"] == [{"from": [{"podSelector": {"matchLabels": own}}]}]
-    for item in made.objects:
-        if item["kind"] == "Deployment":
-            assert own.items() <= item["spec"]["template"]["metadata"]["labels"].items()
 
 
 def test_a_port_of_a_service_of_the_outside_is_open_to_all() -> None:

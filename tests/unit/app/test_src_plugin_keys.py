@@ -10,7 +10,7 @@ import pytest
 
 from rigel_k8s.release.types import Desired
 
-from .shapes import GOLDEN, container, env, find, options, pod, release
+from .shapes import container, env, find, options, pod, release
 
 BASE = "application_image: app:1\n"
 Look = Callable[[Desired], Any]
@@ -188,14 +188,6 @@ def test_distributed_stays_local_unless_all_three_say_remote(keys: str) -> None:
     assert "nodeSelector" not in pod(made, "rigel-k8s-application")
 
 
-def test_a_remote_application_survives_its_wifi() -> None:
-    """No eviction after 300 s, no pull without a network."""
-    made = release(f"{BASE}distributed: {{enabled: true, default_to_remote: true}}")
-    stay = [t["key"] for t in pod(made, "rigel-k8s-application")["tolerations"]]
-    assert stay == ["node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable"]
-    assert container(made, "rigel-k8s-application")["imagePullPolicy"] == "IfNotPresent"
-
-
 def test_observability_keys_of_both_generations_are_read() -> None:
     """src.plugin's own words, and Helm's release, chart and values."""
     text = """
@@ -228,15 +220,6 @@ def test_a_password_is_not_kept_in_revisions() -> None:
     made = release(BASE, raw={"orchestration": raw})
     assert made.options == {"observability": {"grafana": {"enabled": True}}, "namespace": "a"}
     assert raw["observability"]["grafana"]["admin_password"] == "secret"
-
-
-def test_a_whole_container_still_gets_its_ros_environment() -> None:
-    """src.plugin's users write containers as a whole; another one is added beside it."""
-    made = release((GOLDEN / "src-plugin.with.yaml").read_text("utf-8"))
-    found = env(made, "turtle")
-    assert found["CUSTOM_ENV"] == "PRODUCTION"
-    assert found["ROS_IP"] == {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.podIP"}}
-    assert [c["name"] for c in pod(made, "turtle")["containers"]] == ["ros-app", "sidecar"]
 
 
 def test_a_users_own_readiness_probe_is_the_only_one() -> None:

@@ -8,25 +8,12 @@ import pytest
 
 from rigel_k8s.app.generations.ros1.binding import MASTER_ANNOTATION
 from rigel_k8s.discovery.members import member_of
-from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 
-from .shapes import container, find, problems, release
+from .shapes import find, problems, release
 
 ROS1 = "{image: a, nodes: {talker: {args: [t]}, web-server: {ros: none, args: [w, -v]}}}"
 ROS2 = f"# distro: jazzy\n{ROS1}"
 BOTH = pytest.mark.parametrize("text", [ROS1, ROS2], ids=["1", "2"])
-
-
-@BOTH
-def test_it_gets_nothing_of_ros(text: str) -> None:
-    """No argument, no variable, no probe that asks the graph, and no ROS name that others know."""
-    made = container(release(text), "web-server")
-    assert made["args"] == ["w", "-v"]
-    assert not {"env", "readinessProbe", "startupProbe"} & set(made)
-    meta = find(release(text), "Deployment", "web-server")["metadata"]
-    assert ROS_NAME_ANNOTATION not in meta["annotations"]
-    beside = container(release(text), "talker")
-    assert len(beside["args"]) > 1, "its neighbour is a ROS node still"
 
 
 @BOTH

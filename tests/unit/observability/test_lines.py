@@ -116,29 +116,6 @@ def test_the_collector_reads_expressions_as_they_are() -> None:
     assert set(re.findall(r"(?<!\$)\$(?:\$\$)*(?!\$).{5}", text)) == {"${env:"}
 
 
-def test_only_lines_of_one_stream_continue_each_other() -> None:
-    """A traceback on stderr may stand between lines of stdout."""
-    made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
-    _, stream, joined, *_ = made["receivers"]["file_log"]["operators"]
-    assert stream["field"] == joined["source_identifier"]
-    assert "log.file.path" in stream["value"]
-    assert "log.iostream" in stream["value"]
-
-
-def test_no_line_is_dropped_while_loki_does_not_answer() -> None:
-    """The queue is on the disk, a full one lets reading wait, and trying again has no end."""
-    made = yaml.safe_load(config(release("{}"), "otel-collector", "collector.yaml"))
-    exporter, files = made["exporters"]["otlp_http"], made["receivers"]["file_log"]
-    queue = exporter["sending_queue"]
-    assert queue["storage"] in made["service"]["extensions"]
-    assert queue["block_on_overflow"]
-    assert queue["num_consumers"] == 1
-    assert exporter["retry_on_failure"]["max_elapsed_time"] == "0s"
-    assert files["retry_on_failure"] == {"enabled": True, "max_elapsed_time": "0s"}
-    assert files["storage"] in made["service"]["extensions"]
-    assert made["service"]["pipelines"]["logs"]["processors"][-1] == "transform/labels"
-
-
 def test_only_pods_of_releases_are_read_unless_all_are_asked_for() -> None:
     """Other people's pods are none of ours."""
     few, every = (

@@ -84,36 +84,6 @@ def test_golden_files_have_their_case() -> None:
     assert {path.stem for path in GOLDEN.glob("*.yaml")} == {*CASES, "alike"}
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_what_the_daemon_runs_is_where_the_machine_has_it(case: str) -> None:
-    """The directories are mounted at the machine's own paths, and hold configuration, programs."""
-    for item in objects(CASES[case]):
-        if item["kind"] != "DaemonSet":
-            continue
-        spec = item["spec"]["template"]["spec"]
-        hosts = {v["name"]: v["hostPath"]["path"] for v in spec["volumes"] if "hostPath" in v}
-        for container in spec["containers"]:
-            mounts = {m["name"]: m["mountPath"] for m in container["volumeMounts"]}
-            if container["name"] == "control-loop":
-                continue
-            roots = [name for name in hosts if name.startswith("root-")]
-            assert roots
-            assert [mounts[name] for name in roots] == [hosts[name] for name in roots]
-            said = {e["name"]: e.get("value") for e in container.get("env", [])}
-            for place in filter(None, (said.get("BIN_DIR"), said.get("CONF_DIR"))):
-                assert any(f"{place}/".startswith(f"{hosts[name]}/") for name in roots)
-
-
-def test_no_taint_keeps_the_network_away() -> None:
-    """Every node gets its pods, whatever it is tainted with, and before what else it runs."""
-    sets = [item for item in objects(CASES["k3s"]) if item["kind"] == "DaemonSet"]
-    assert sets
-    for item in sets:
-        spec = item["spec"]["template"]["spec"]
-        assert spec["tolerations"] == [{"operator": "Exists"}]
-        assert spec["priorityClassName"] == "system-node-critical"
-
-
 def test_definitions_outlive_the_release() -> None:
     """With a definition would go every attachment; others' definitions are not touched."""
     found = network_release(CASES["plain"], SCRIPT)

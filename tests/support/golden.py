@@ -183,7 +183,9 @@ def differ_text(old: str, new: str) -> str:
     """Return how a text is written beside another one: as it is, if most of its lines change."""
     for context in (1, 3, 6):
         lines = list(difflib.unified_diff(old.split("\n"), new.split("\n"), n=context, lineterm=""))
-        made = "\n".join(CHANGED if line.startswith("@@ ") else line for line in lines[2:])
+        made = "\n".join(
+            CHANGED if line.startswith("@@ ") else line.rstrip(" ") for line in lines[2:]
+        )
         if len(lines) < len(new.split("\n")) * (1 - LEAST) and apply_text(old, made) == new:
             return made
     return new
@@ -194,9 +196,9 @@ def apply_text(old: str, change: str) -> str:
     rest, made = old.split("\n"), []
     for part in f"\n{change}".split(f"\n{CHANGED}\n")[1:]:
         lines = part.split("\n")
-        before = [line[1:] for line in lines if line[0] != "+"]
+        before = [line[1:] for line in lines if line[:1] != "+"]
         place = next(n for n in range(len(rest)) if rest[n : n + len(before)] == before)
-        made += rest[:place] + [line[1:] for line in lines if line[0] != "-"]
+        made += rest[:place] + [line[1:] for line in lines if line[:1] != "-"]
         rest = rest[place + len(before) :]
     return "\n".join(made + rest)
 

@@ -16,6 +16,7 @@ from rigel_k8s.images.dockerfile import (
     exec_form,
     render_dockerignore,
 )
+from tests.support.golden import Golden
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -45,17 +46,19 @@ CASES = {
 }
 
 
+def make(name: str) -> list[dict[str, str]]:
+    """Return the texts of a case."""
+    texts = {"Dockerfile": dockerfile(CASES[name]), "entrypoint": entrypoint(CASES[name])}
+    return [{"file": file, "text": text} for file, text in texts.items()]
+
+
+FOLDER = Golden(GOLDEN, make, ("catkin", "plain-ros1", "root"), CASES)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_the_text_is_the_golden_one(name: str, *, update_golden: bool) -> None:
     """Dockerfile and entrypoint of each option are what was looked at and found good."""
-    texts = {
-        f"{name}.Dockerfile": dockerfile(CASES[name]),
-        f"{name}.sh": entrypoint(CASES[name]),
-    }
-    for file, text in texts.items():
-        if update_golden:
-            (GOLDEN / file).write_text(text)
-        assert text == (GOLDEN / file).read_text()
+    FOLDER.compare(name, update=update_golden)
 
 
 def test_no_golden_file_is_left_over() -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.commands.rigelfiles import check
@@ -20,6 +18,7 @@ from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.manifests import agent_objects
 from rigel_muto.agent.options import MutoAgent, check_options
+from tests.support.golden import Golden
 
 GOLDEN = Path(__file__).parent / "golden"
 AROUND = ReleaseContext("robots", "muto-agent", "", GENERATIONS["none"])
@@ -57,14 +56,12 @@ def make(case: str) -> list[dict[str, Any]]:
     return list(agent_objects(AROUND, options, "jobs: {}\n", RULES))
 
 
+FOLDER = Golden(GOLDEN, make, ("everything",), CASES)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
-    made = json.loads(json.dumps(make(case)))  # without aliases
-    text = yaml.safe_dump_all(made, sort_keys=False, width=100)
-    golden = GOLDEN / f"{case}.yaml"
-    if update_golden:
-        golden.write_text(text, "utf-8")
-    assert text == golden.read_text("utf-8")
+    FOLDER.compare(case, update=update_golden)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -169,19 +169,6 @@ def test_a_command_that_came_while_the_agent_was_away_is_carried_out(
             until(lambda: agent.nodes == {"d"}, "the second stack")
 
 
-def test_a_broker_that_goes_away_and_comes_back_is_heard_again(
-    agent: Agent, broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with serve(agent, broker, monkeypatch):
-        broker.kill()
-        until(lambda: agent.report.warnings != [], "a line about it")
-        broker.start()
-        until(lambda: agent.report.lines.count(connected(broker)) == 2, "the second connection")
-        with Peer(broker.port, ANSWERS) as peer:
-            send_start(peer, stack("org:x", "c"), b"1")
-            assert receive(peer)["result"] == "success"
-
-
 def test_kubernetes_learns_why_the_broker_is_not_heard() -> None:
     """From what a probe prints, as its pod runs it."""
     trouble, port = "no connection to mqtt://broker:1883: Not authorized", find_port()

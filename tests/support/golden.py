@@ -3,7 +3,8 @@
 A file has a YAML document for each object. One that resembles no other one is as it is. Of
 another one a file has only what differs:
 
-    like: nodes Deployment talker as camera  # of nodes.yaml, named camera wherever talker is
+    like: nodes Deployment talker as camera  # of nodes.yaml, named camera wherever talker is;
+                                      # "as camera-peer of camera": of the workload camera, too
     metadata:
       annotations: (removed)
       labels:
@@ -42,7 +43,7 @@ from rigel_k8s.yaml_text import documents
 REMOVED = "(removed)"
 CHANGED = "(changed)"
 TO = " ... "
-AS = " as "
+AS, OF = " as ", " of "
 #: What an item of a list may be called by.
 NAMES = ("name", "mountPath")
 #: An object is written whole if no more than this part of its lines would be left out.
@@ -97,10 +98,10 @@ class Golden:
         if "like" not in item:
             return item
         case, _, wanted = item["like"].partition(" ")
-        wanted, _, name = wanted.partition(AS)
+        wanted, _, names = wanted.partition(AS)
         (other,) = (other for other in self.make(case) if title(other) == wanted)
-        if name:
-            other = rename(other, name)
+        if names:
+            other = rename(other, names)
         return apply(other, {key: value for key, value in item.items() if key != "like"})
 
 
@@ -112,8 +113,8 @@ def find_shortest(
     for case, other in known:
         if kind(other) != kind(item):
             continue
-        like, name = f"{case} {title(other)}", title(item).split()[-1]
-        for old, text in ((other, like), (rename(other, name), f"{like}{AS}{name}")):
+        like, names = f"{case} {title(other)}", OF.join(names_of(item))
+        for old, text in ((other, like), (rename(other, names), f"{like}{AS}{names}")):
             made = {"like": text, **(differ(old, item) or {})}
             lines = len(documents([made]).splitlines())
             if lines < least:
@@ -133,10 +134,19 @@ def title(item: Mapping[str, Any]) -> str:
     return " ".join(map(str, next(iter(item.items()))))
 
 
-def rename(item: Any, name: str) -> Any:
-    """Return an object with another name, wherever its own one stands in it."""
-    old = re.escape(title(item).split()[-1])
-    return json.loads(re.sub(rf"(?<![\w-]){old}(?![\w-])", name, json.dumps(item)))
+def names_of(item: Any) -> list[str]:
+    """Return an object's name, and its workload's if that is another one."""
+    labels = item.get("metadata", {}).get("labels", {})
+    name = title(item).split()[-1]
+    return list(dict.fromkeys([name, labels.get("app.kubernetes.io/name", name)]))
+
+
+def rename(item: Any, names: str) -> Any:
+    """Return an object with another name, and workload, wherever its own ones stand in it."""
+    text = json.dumps(item)
+    for old, new in zip(names_of(item), names.split(OF), strict=False):
+        text = re.sub(rf"(?<![\w-]){re.escape(old)}(?![\w-])", new, text)
+    return json.loads(text)
 
 
 def differ(old: Any, new: Any) -> Any:

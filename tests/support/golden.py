@@ -24,6 +24,8 @@ another one a file has only what differs:
         -  interval: 15s
         +  interval: 10s
 
+    like: nodes Role a ... Service b  # all from one to another, as in nodes.yaml
+
 So a probe that changes everywhere changes few files. An object may resemble one of the models, an
 earlier one of its own file, or what an earlier file has as it is. `--update-golden` writes them.
 """
@@ -73,8 +75,8 @@ class Golden:
 
     def compare(self, case: str, *, update: bool) -> None:
         """Compare a case's objects with its file, or write it."""
-        made, written = self.make(case), self.shorten(case)
-        assert [self.restore(item) for item in written] == made
+        made, written = self.make(case), self.join(self.shorten(case))
+        assert [one for item in written for one in self.restore(item)] == made
         text = documents(written)
         file = self.folder / f"{case}.yaml"
         if update:
@@ -93,16 +95,41 @@ class Golden:
             known.append((case, item))
         return written
 
-    def restore(self, item: Mapping[str, Any]) -> Any:
-        """Return the object that is written so."""
-        if "like" not in item:
-            return item
+    def join(self, written: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Return a single document for objects that are the same and in a row elsewhere, too."""
+        joined: list[Mapping[str, Any]] = []
+        before = ("", 0)  # the case and the number of what the last document ends with
+        for item in written:
+            place = self.find_same(item)
+            if place[0] and place == (before[0], before[1] + 1):
+                first = joined[-1]["like"].partition(TO)[0]
+                joined[-1] = {"like": f"{first}{TO}{item['like'].partition(' ')[2]}"}
+            else:
+                joined.append(item)
+            before = place
+        return joined
+
+    def find_same(self, item: Mapping[str, Any]) -> tuple[str, int]:
+        """Return the case and the number of the object that this one is the same as, if any."""
+        if item.keys() != {"like"} or AS in item["like"]:
+            return "", 0
         case, _, wanted = item["like"].partition(" ")
+        return case, [title(other) for other in self.make(case)].index(wanted)
+
+    def restore(self, item: Mapping[str, Any]) -> list[Any]:
+        """Return the objects that are written so."""
+        if "like" not in item:
+            return [item]
+        case, _, wanted = item["like"].partition(" ")
+        others = self.make(case)
+        titles = [title(other) for other in others]
+        if TO in wanted:
+            first, last = map(titles.index, wanted.split(TO))
+            return others[first : last + 1]
         wanted, _, names = wanted.partition(AS)
-        (other,) = (other for other in self.make(case) if title(other) == wanted)
-        if names:
-            other = rename(other, names)
-        return apply(other, {key: value for key, value in item.items() if key != "like"})
+        other = others[titles.index(wanted)]
+        change = {key: value for key, value in item.items() if key != "like"}
+        return [apply(rename(other, names) if names else other, change)]
 
 
 def find_shortest(

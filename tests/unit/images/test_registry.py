@@ -1,6 +1,6 @@
 """The registry protocol against a small HTTP server: what Debian's docker-registry cannot show.
 
-The real registry is in tests/cluster/test_images_registry.py.
+The real registry is in tests/cluster/test_images.py.
 """
 
 from __future__ import annotations

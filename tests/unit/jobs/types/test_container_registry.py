@@ -1,4 +1,4 @@
-"""The registry provider without a registry; tests/cluster/test_images_registry.py has one."""
+"""The registry provider without a registry; tests/cluster/test_images.py has one."""
 
 from __future__ import annotations
 

@@ -88,6 +88,8 @@ ROS2 = [
     (PEERS, "env: {ROS_STATIC_PEERS: 10.0.0.5}", "warning", "replaces the list"),
     (PEERS, "env: {FASTDDS_BUILTIN_TRANSPORTS: SHM}", "error", "no memory in common"),
     (PEERS, "env: {FASTDDS_BUILTIN_TRANSPORTS: UDPv4}", "-", ""),
+    (HOST, "env: {FASTDDS_BUILTIN_TRANSPORTS: DEFAULT}", "warning", "no other pod reads"),
+    (LAN, "env: {FASTDDS_BUILTIN_TRANSPORTS: DEFAULT}", "-", ""),
     (ZENOH, "env: {ZENOH_CONFIG_OVERRIDE: a/b=true}", "error", "begin it with mode="),
     (
         ZENOH,

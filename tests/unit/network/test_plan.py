@@ -20,6 +20,12 @@ def plan(told: Network | str | None, release: str = "demo", ros: str = "2") -> N
     )
 
 
+@pytest.mark.parametrize(("mode", "expected"), [("host", True), ("macvlan", False), (None, False)])
+def test_pods_share_the_machines_address_in_mode_host(mode: str | None, expected: bool) -> None:  # noqa: FBT001
+    """There, Fast DDS of a pod shares memory with the whole machine, or with none."""
+    assert plan(mode).on_machine == expected
+
+
 @pytest.mark.parametrize("mode", ["macvlan", "attachment", "host"])
 def test_where_laptops_are_the_domain_is_theirs(mode: str) -> None:
     """A laptop on the same Ethernet uses domain 0 unless told, and so do pods on it."""

@@ -173,6 +173,33 @@ def test_without_rights_what_others_install_is_left_out(
         look([shared], fake, options)
 
 
+def test_what_all_share_is_not_waited_for_as_it_was_left(
+    fake: FakeCluster, options: DeployOptions, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot does not wait for another machine's collector; an application's own pods it does."""
+    shared = part("stack", workload("loki"), shared=True)
+    deploy([shared], fake, options)
+    fake.store.controllers = Controllers(unready)
+    for name in fake.names("Pod"):
+        fake.delete(ObjectRef("v1", "Pod", "n", name))
+    deploy([shared], fake, options)
+    leap_when_shown(monkeypatch, report, 61, ("loki", "0 of 1 ready"))
+    with pytest.raises(RolloutFailed):
+        deploy([part("stack", workload("loki"))], fake, options)
+
+
+def test_what_others_have_installed_is_left_alone(
+    fake: FakeCluster, options: DeployOptions
+) -> None:
+    """Its hooks are called: machines may be left to prove."""
+    foreign = part("net", config(), rank="network", foreign=True, unfinished=True)
+    [seen] = look([foreign], fake, options)
+    assert (seen.found, seen.writes) == (None, True)
+    deploy([foreign], fake, options)
+    assert fake.writes == []
+    assert cast(Inspecting, foreign.hooks).seen == [False, False]
+
+
 def test_machines_are_inspected_beside_the_dry_runs(
     fake: FakeCluster, options: DeployOptions
 ) -> None:

@@ -7,7 +7,7 @@ import tarfile
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -125,14 +125,28 @@ def extract(archive: BinaryIO, target: Path) -> None:
     Raises:
         RigelK8sError: a member points out of the directory, or the archive is cut off.
     """
-    if not hasattr(tarfile, "data_filter"):  # 3.10 before 3.10.12, 3.11 before 3.11.4
-        raise RigelK8sError(
-            "results: this Python cannot unpack an archive safely",
-            hint="use a newer release of the same Python, 3.10.12 or 3.11.4 and later",
-        )
     target.mkdir(parents=True, exist_ok=True)
     try:
         with tarfile.open(fileobj=archive) as opened:
-            opened.extractall(target, filter="data")
+            if hasattr(tarfile, "data_filter"):
+                opened.extractall(target, filter="data")
+            else:  # 3.10 before 3.10.12 and 3.11 before 3.11.4, such as Debian 12's
+                opened.extractall(target, members=list(filter_members(opened)))
     except tarfile.TarError as error:
         raise RigelK8sError(f"results: cannot unpack the pod's archive: {error}") from error
+
+
+def filter_members(archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
+    """Yield files and directories of an archive, with rights that only their owner has to write.
+
+    Raises:
+        TarError: a member points out of the directory, or is a link or a device.
+    """
+    for member in archive:
+        path = PurePosixPath(member.name)
+        if path.is_absolute() or ".." in path.parts:
+            raise tarfile.TarError(f"{member.name} is outside of the directory")
+        if not (member.isfile() or member.isdir()):
+            raise tarfile.TarError(f"{member.name} is neither a file nor a directory")
+        member.mode &= 0o755
+        yield member

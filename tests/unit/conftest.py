@@ -51,6 +51,14 @@ def state_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
     return place
 
 
+@pytest.fixture(autouse=True)
+def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The environment of a common terminal, where there is none (CI) and whatever a user's says."""
+    monkeypatch.setenv("TERM", "xterm")
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+
+
 #: The test that runs now and is not marked `programs`; those that started one all the same.
 _now: list[str] = []
 _unmarked: set[str] = set()

@@ -23,11 +23,18 @@ REACH = (
     *("etc/ssl", "usr/local/share/ca-certificates", "etc/resolv.conf", "etc/pip.conf"),
     *(f"etc/apt/apt.conf.d/{path.name}" for path in Path("/etc/apt/apt.conf.d").glob("99*")),
 )
-#: Kernel file systems that programs expect, in a mount namespace that ends with them.
+#: Makes the directory the root, with the kernel's file systems, in a mount namespace that ends with
+#: it: pivot_root, since nobody may make user namespaces in a chroot; the first process is a shell,
+#: since a first process must wait for children that others left.
 ENTER = """
-mount -t proc proc "$0/proc"
-for name in sys dev; do mount --rbind "/$name" "$0/$name"; done
-exec chroot "$0" /bin/bash -c "cd /project && $1"
+mount --bind "$0" "$0"
+cd "$0"
+mount -t proc proc proc
+for name in sys dev; do mount --rbind "/$name" "$name"; done
+pivot_root . .
+umount --lazy .
+cd /project
+/bin/bash -c "$1" || exit 1
 """
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
 WIDTH = 8  # requests at once: more only queue in the server and in this interpreter
-LOOK = 0.2  # seconds between two looks at a cancel event
+LOOK = 0.2  # seconds between two looks at a cancel event, and for signals
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -32,7 +32,10 @@ def parallel(function: Callable[[T], R], items: Iterable[T], *, width: int = WID
     with ThreadPoolExecutor(min(width, len(todo))) as pool:
         futures = [pool.submit(function, item) for item in todo]
         try:
-            wait(futures)
+            # A signal that comes just before the main thread waits, or to another thread, does not
+            # wake it: it must wake by itself.
+            while wait(futures, timeout=LOOK).not_done:
+                pass
         except BaseException:  # interrupted: nothing more is started
             pool.shutdown(wait=False, cancel_futures=True)
             raise

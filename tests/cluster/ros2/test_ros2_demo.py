@@ -64,7 +64,7 @@ def test_each_pod_has_an_address_of_its_own_on_net1(demo: Any) -> None:
 def assert_a_new_message_arrives(demo: Any, talker: str) -> None:
     """Set a parameter that the talker puts into its messages, and find it in the listener's log."""
     nonce = f"n{secrets.token_hex(8)}"
-    demo("exec", talker, "--", "ros2", "param", "set", f"/{talker}", "nonce", nonce)
+    demo("param", "set", talker, "nonce", nonce)
     demo.until(lambda: nonce in demo("logs", "listener", "--tail", "30").stdout, "the nonce")
 
 

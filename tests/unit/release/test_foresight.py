@@ -175,6 +175,14 @@ def test_pods_of_every_kind_are_tried(kind: str) -> None:
     assert trial.pod["spec"] == manifest["spec"]["template"]["spec"]
 
 
+def test_a_template_without_metadata_is_tried() -> None:
+    """A Job's, which needs no label; nobody writes an empty one."""
+    template = {"spec": workload()["spec"]["template"]["spec"]}
+    job = {**workload(), "kind": "Job", "spec": {"template": template}}
+    [trial] = choose_trials([job], {}, [job])
+    assert trial.pod["metadata"]["labels"] == {}
+
+
 def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:
     """The dry run of the new pod says that the quota is exceeded: the old one ends before."""
     deploy(Desired(RELEASE, (workload(),)), fake, report=report)

@@ -232,7 +232,8 @@ def make_pod(workload: Manifest, accounts: Collection[str]) -> dict[str, Any]:
     if spec.get("serviceAccountName") in accounts:
         spec.pop("serviceAccountName")
         spec.pop("serviceAccount", None)
-    meta = {key: template["metadata"].get(key) or {} for key in ("labels", "annotations")}
+    given = template.get("metadata") or {}  # a Job's template needs none
+    meta = {key: given.get(key) or {} for key in ("labels", "annotations")}
     return {
         "apiVersion": "v1",
         "kind": "Pod",

@@ -80,7 +80,7 @@ def deploy(parts: Iterable[Part], cluster: Cluster, options: DeployOptions) -> N
 def write_part(run: Run, seen: Look) -> None:
     """Write one part, with what only its builder knows around it; go back if that says so."""
     part, hooks = run.part, run.part.hooks
-    if seen.writes:
+    if seen.writes or part.own:
         for name in part.away:
             run.report.warn(f"machine {name} is not ready: the installation does not wait for it")
     hooks.before_write(run, seen)

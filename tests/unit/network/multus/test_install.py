@@ -325,6 +325,23 @@ def test_an_unchanged_installation_says_nothing(monkeypatch: pytest.MonkeyPatch)
     assert line.startswith("whereabouts is already installed")
 
 
+def test_a_machine_that_is_away_is_named_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By `rigel network install`; a deploy that only requests Multus names it where it writes."""
+    nothing = MultusResult((), (), "", ours=True)
+    monkeypatch.setattr(installing, "prove_nodes", lambda *_: nothing)
+    fake = FakeCluster(Store(controllers=Controllers()))
+    meta = {"name": RELEASE.namespace}
+    fake.create({"apiVersion": "v1", "kind": "Namespace", "metadata": meta})
+    warnings = []
+    for own in (True, True, False):
+        part, report = multus_beside_theirs(), Recorder()
+        part.away, part.own = ("arm",), own
+        deploy([part], cast(Any, fake), DeployOptions(report=report, timeout=60))
+        warnings.append(report.warnings)
+    told = "machine arm is not ready: the installation does not wait for it"
+    assert warnings == [[told], [told], []]
+
+
 def test_objects_that_another_deploy_has_just_written_are_waited_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -60,6 +60,19 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
     assert look()
 
 
+def test_while_it_waits_for_its_restart_it_is_not_up() -> None:
+    """Kubernetes waits for 10 s after the second crash: 3 s of running do not make it steady."""
+    crashes, meta = CrashLog(), {"uid": "new"}
+    down = {"state": {"waiting": {"reason": "CrashLoopBackOff"}}, "restartCount": 1}
+    up = {"state": {"running": {}}, "restartCount": 2}
+    crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [down]}}], 1000.0)
+    crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [down]}}], 1010.0)
+    for now in (1011.0, 1011.0 + STEADY - 1):
+        crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [up]}}], now)
+        assert crashes.find_unsteady(now) == {TALKER}
+    assert crashes.find_unsteady(1011.0 + STEADY) == set()
+
+
 def test_what_ends_while_it_is_deleted_is_no_crash() -> None:
     """The old pod of an update by Recreate, whose program ends with 130 as rclpy's examples do."""
     old = {"metadata": {"uid": "old", "deletionTimestamp": "2026-01-01T00:00:00Z"}}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
 
-STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
+STEADY = 12.0  # seconds that a workload must stay up again after a crash to count as ready
 KINDS = ("Deployment", "DaemonSet", "StatefulSet")
 LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on an overloaded machine
 WIDTH = 32  # checks at the same time: each does nothing but wait
@@ -27,16 +27,22 @@ WIDTH = 32  # checks at the same time: each does nothing but wait
 
 @attrs.define
 class CrashLog:
-    """How often the containers of each pod have ended, and when a workload's last one did."""
+    """How often the containers of each pod have ended, and when a workload was last seen so.
+
+    Kubernetes starts one that ends soon again after 10 s, then 20 s: that it is down does not count
+    as being steady.
+    """
 
     counts: dict[str, int] = attrs.field(factory=dict)
     changed: dict[ObjectRef, float] = attrs.field(factory=dict)
 
     def note(self, ref: ObjectRef, pods: Iterable[Manifest], now: float) -> None:
         """Note the newest pods of a workload; what ends while it is being deleted is no crash."""
-        for meta, count in ((pod["metadata"], count_crashes(pod)) for pod in pods):
-            if count > self.counts.get(meta["uid"], 0) and not meta.get("deletionTimestamp"):
-                self.counts[meta["uid"]] = count
+        for pod in pods:
+            meta, count = pod["metadata"], count_crashes(pod)
+            known = self.counts.get(meta["uid"], 0)
+            if (count > known or is_down(pod)) and not meta.get("deletionTimestamp"):
+                self.counts[meta["uid"]] = max(count, known)
                 self.changed[ref] = now
 
     def note_end(self, ref: ObjectRef, now: float) -> None:
@@ -53,6 +59,12 @@ def count_crashes(pod: Manifest) -> int:
     states = containers(pod.get("status") or {})
     ended = sum(1 for c in states if (c.get("state") or {}).get("terminated", {}).get("exitCode"))
     return ended + sum(int(c.get("restartCount", 0)) for c in states)
+
+
+def is_down(pod: Manifest) -> bool:
+    """Return whether a container of a pod that has ended before waits to be started again."""
+    states = containers(pod.get("status") or {})
+    return any(c.get("restartCount") and "waiting" in (c.get("state") or {}) for c in states)
 
 
 @attrs.frozen

@@ -136,7 +136,7 @@ def test_a_failed_job_is_told(admin: Any, make: Any, report: Any) -> None:
             },
         },
     }
-    assert "calibrate did not become ready" in failure(admin, make, report, job)
+    assert "calibrate did not succeed: failed" in failure(admin, make, report, job)
 
 
 def test_what_looks_ready_between_two_crashes_is_not_ready(

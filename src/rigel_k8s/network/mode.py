@@ -5,6 +5,7 @@ Each module of modes/ has one or several; what most of them have in common is th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -30,7 +31,7 @@ class ModeUse:
     middleware: str | None
 
 
-class Mode:
+class Mode(ABC):
     """One way for pods to reach and discover each other.
 
     Attributes:
@@ -76,9 +77,9 @@ class Mode:
         """Whether its pods have the machine's own network instead of one of their own."""
         return self.on_machines and not self.attached
 
+    @abstractmethod
     def wire(self, plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
         """Return what it adds to a pod, except ROS' own variables."""
-        raise NotImplementedError
 
     def objects(self, plan: NetworkPlan, network: Network) -> Iterator[Object]:
         """Yield further objects that it needs on the cluster."""

@@ -62,15 +62,18 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
 
 def test_while_it_waits_for_its_restart_it_is_not_up() -> None:
     """Kubernetes waits for 10 s after the second crash: 3 s of running do not make it steady."""
-    crashes, meta = CrashLog(), {"uid": "new"}
-    down = {"state": {"waiting": {"reason": "CrashLoopBackOff"}}, "restartCount": 1}
-    up = {"state": {"running": {}}, "restartCount": 2}
-    crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [down]}}], 1000.0)
-    crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [down]}}], 1010.0)
-    for now in (1011.0, 1011.0 + STEADY - 1):
-        crashes.note(TALKER, [{"metadata": meta, "status": {"containerStatuses": [up]}}], now)
-        assert crashes.find_unsteady(now) == {TALKER}
-    assert crashes.find_unsteady(1011.0 + STEADY) == set()
+    crashes = CrashLog()
+
+    def note(now: float, state: dict[str, Any], restarts: int) -> set[Any]:
+        status = {"containerStatuses": [{"state": state, "restartCount": restarts}]}
+        crashes.note(TALKER, [{"metadata": {"uid": "new"}, "status": status}], now)
+        return crashes.find_unsteady(now)
+
+    note(1000.0, {"terminated": {"exitCode": 1}}, 1)
+    note(1010.0, {"waiting": {"reason": "CrashLoopBackOff"}}, 1)
+    assert note(1011.0, {"running": {}}, 2) == {TALKER}
+    assert note(1010.0 + STEADY - 1, {"running": {}}, 2) == {TALKER}
+    assert note(1010.0 + STEADY, {"running": {}}, 2) == set()
 
 
 def test_what_ends_while_it_is_deleted_is_no_crash() -> None:

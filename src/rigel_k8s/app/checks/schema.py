@@ -25,7 +25,15 @@ SCALARS: Mapping[str, tuple[tuple[type, ...], str]] = {
     "q": ((str, int, float), "a quantity"),
     "n": ((str, int), "a number or text"),
 }
-NAMES = {type(None): "empty", str: "text", bool: "true or false", int: "a number"}
+#: What messages call values, by the first type that fits; a bool is an int, too.
+NAMES: Mapping[type, str] = {
+    type(None): "empty",
+    bool: "true or false",
+    str: "text",
+    int: "a number",
+    float: "a number",
+    Mapping: "a mapping",
+}
 #: The type of pods: their fields are often written above.
 POD, BELOW = "PodSpec", "spec.template.spec"
 
@@ -156,11 +164,8 @@ def missing(key: str, place: Place) -> Problem:
 
 def wrong_type(value: object, expected: str, place: Place) -> Problem:
     """Return the problem of a value of a type that Kubernetes refuses there."""
-    other = {float: "a number", dict: "a mapping"}.get(type(value), "a list")
-    got = next((name for of, name in NAMES.items() if type(value) is of), None)
-    if got is None and isinstance(value, str):
-        got = "text"
-    return place.problem(f"{show(place)} must be {expected}, not {got or other}", "wrong-type")
+    got = next((name for of, name in NAMES.items() if isinstance(value, of)), "a list")
+    return place.problem(f"{show(place)} must be {expected}, not {got}", "wrong-type")
 
 
 def show(place: Place) -> str:

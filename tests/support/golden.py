@@ -26,8 +26,9 @@ another one a file has only what differs:
 
     like: nodes Role a ... Service b  # all from one to another, as in nodes.yaml
 
-So a probe that changes everywhere changes few files. An object may resemble one of the models, an
-earlier one of its own file, or what an earlier file has as it is. `--update-golden` writes them.
+A short list of plain values is in one line. So a probe that changes everywhere changes few files.
+An object may resemble one of the models, an earlier one of its own file, or what an earlier file
+has as it is. `--update-golden` writes them.
 """
 
 from __future__ import annotations
@@ -37,10 +38,13 @@ import functools
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from rigel_k8s.yaml_text import documents
+import yaml
+
+from rigel_k8s import yaml_text
 
 REMOVED = "(removed)"
 CHANGED = "(changed)"
@@ -50,6 +54,9 @@ AS, OF = " as ", " of "
 NAMES = ("name", "mountPath")
 #: An object is written whole if no more than this part of its lines would be left out.
 LEAST = 0.3
+#: How long the values of a list in one line may be together.
+LONGEST = 80
+IN_A_LINE = yaml.SequenceStartEvent(None, None, True, flow_style=True)
 
 
 class Golden:
@@ -130,6 +137,33 @@ class Golden:
         other = others[titles.index(wanted)]
         change = {key: value for key, value in item.items() if key != "like"}
         return [apply(rename(other, names) if names else other, change)]
+
+
+def documents(objects: Iterable[Mapping[str, Any]]) -> str:
+    """Return objects as YAML, in the project's own way but for short lists of plain values."""
+    stream = StringIO()
+    dumper = yaml_text.Dumper(stream, width=yaml_text.WIDTH)
+    dumper.open()
+    for item in objects:
+        dumper.emit(yaml.DocumentStartEvent(explicit=True))
+        events: list[yaml.Event] = []
+        yaml_text.emit_value(events.append, item)
+        for place, event in enumerate(events):
+            short = event is yaml_text.SEQUENCE and is_short(events[place + 1 :])
+            dumper.emit(IN_A_LINE if short else event)
+        dumper.emit(yaml.DocumentEndEvent(explicit=False))
+    dumper.close()
+    return stream.getvalue()
+
+
+def is_short(events: Iterable[yaml.Event]) -> bool:
+    """Whether a list, of whose content these are the events, has plain values that fit a line."""
+    length = 0
+    for event in events:
+        if not isinstance(event, yaml.ScalarEvent) or "\n" in event.value or length > LONGEST:
+            return event is yaml_text.SEQUENCE_END and length <= LONGEST
+        length += len(event.value) + 2
+    return False
 
 
 def find_shortest(

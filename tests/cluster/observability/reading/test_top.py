@@ -80,10 +80,11 @@ def test_topics_have_rates_and_ages(app: App) -> None:
     """A topic that is named is heard; of the others the nodes' own counts are told."""
 
     def known() -> dict[str, Any]:
-        """The topics, once /chatter has a rate."""
+        """The topics, once /chatter has a publisher and a rate."""
         done = app("top", "--topics", "-o", "json")
         topics = {row["name"]: row for row in json.loads(done.stdout)["topics"]}
-        return topics if topics.get("/chatter", {}).get("rate") else {}
+        chatter = topics.get("/chatter", {})
+        return topics if chatter.get("publishers") and chatter.get("rate") else {}
 
     def rate() -> float:
         return float(known().get("/chatter", {}).get("rate", 0))

@@ -56,7 +56,7 @@ def summarize(draft: Draft, target: str) -> Iterator[str]:
         yield f"  {remark.place}: {about}{remark.message}"
     if more := len(draft.remarks) - len(shown):
         yield f"  and {more} more, as comments in {target}"
-    run = "rigel run sequence all" if draft.jobs else "rigel run job deploy"
+    run = "rigel run sequence all" if draft.jobs else "rigel run deploy"
     yield f"Next: `rigel check`, then `{run}`"
 
 

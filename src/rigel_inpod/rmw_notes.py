@@ -15,7 +15,7 @@ import struct
 import time
 from collections import namedtuple
 
-VERSION = 5
+VERSION = 6
 WORK, WAIT, HOLD, FINISH, STOP = range(5)
 KINDS = ("", "node", "publisher", "subscription", "service", "client", "executor")
 ASKED, OPEN, ENDED = 2, 3, 4  # states of a goal
@@ -35,11 +35,11 @@ CONTROL_SIZE = OTHERS_AT + FRIENDS * FRIEND.size
 GOALS_KEY, ALL = 0x676F616C73, (1 << 64) - 1
 
 HEAD = struct.Struct("=8sIIQQQQIIIIIIII64s")
-SEEN = 256  # names of 256 bytes
+SEEN = 65536  # bytes of names
 WRITER, WRITERS = struct.Struct("=Q8s16sQQQ"), 1024
 GOAL, GOALS = struct.Struct("=II16s16sq"), 256
 SLOT = struct.Struct("=IIII8s11Q14Q256s128s")
-WRITERS_AT = HEAD.size + SEEN * 256
+WRITERS_AT = HEAD.size + SEEN
 GOALS_AT = WRITERS_AT + WRITERS * WRITER.size
 SLOTS_AT = GOALS_AT + GOALS * GOAL.size
 
@@ -52,8 +52,7 @@ _Head = namedtuple(
 #: A part of a node, or an executor. Times are ns of CLOCK_MONOTONIC, 0 for never.
 #: kind: one of KINDS. name: of the topic, service or node with its namespace. node: the name of
 #: its node. type: as in std_msgs/msg/String. key: names it in every process of the workload.
-#: thread, waiting: an executor's, and whether it waits for work. latched: whether its messages are
-#: kept for those that come later. count: messages or requests that passed, turns of an executor.
+#: thread: an executor's. count: messages or requests that passed, turns of an executor.
 #: answers: of a service and a client; of the publisher with which a lifecycle node reports its
 #: transitions, the id of its state, 0 before the first one. bytes: of messages that the node has
 #: serialized itself. last: the time of the last one, or when an executor last was seen to run:
@@ -64,8 +63,8 @@ _Head = namedtuple(
 #: last minute.
 Entity = namedtuple(
     "Entity",
-    "kind name node type key thread latched created count answers bytes last waiting matched age"
-    " refused dropped longest",
+    "kind name node type key thread created count answers bytes last matched age refused dropped"
+    " longest",
 )
 
 #: A process with the layer. pid: in the namespace of its container. full: entities for which its
@@ -73,9 +72,7 @@ Entity = namedtuple(
 #: nodes that it has discovered, its own among them. helper: a program of ours beside the node.
 #: stands: ns for which one of its executors has not looked for work, 0 while all wait for some.
 #: goals: the actions that it serves and that have a goal which is not finished.
-Process = namedtuple(
-    "Process", "pid started middleware full ended mode seen entities helper stands goals"
-)
+Process = namedtuple("Process", "pid full ended mode seen entities helper stands goals")
 
 
 def read_all(directory):
@@ -387,8 +384,6 @@ def _process(text, mode):
     head, slots = _head(text), _slots(text)
     return Process(
         head.pid,
-        head.started,
-        _text(head.middleware),
         head.full,
         _has_ended(head),
         WORK if head.helper else mode,
@@ -401,8 +396,8 @@ def _process(text, mode):
 
 
 def _seen(text):
-    begins = [HEAD.size + i * 256 for i in range(min(_head(text).seen, SEEN))]
-    return [_text(text[at : at + 256]) for at in begins]
+    count = _head(text).seen
+    return [_text(name) for name in text[HEAD.size : WRITERS_AT].split(b"\0", count)[:count]]
 
 
 def _busy_actions(text, slots):
@@ -428,15 +423,15 @@ def _measure_stand(slots):
 
 
 def _entity(slot, slots):
-    kind, node, thread, latched, key = slot[:5]
-    created, count, answers, size, last, waiting, _, matched, age, refused, dropped = slot[5:16]
+    kind, node, thread, _, key = slot[:5]
+    created, count, answers, size, last, _, _, matched, age, refused, dropped = slot[5:16]
     gaps = zip(slot[16:30:2], slot[17:30:2])
     longest = [gap for window, gap in gaps if window >= now() // WINDOW - 6]
     its_node = _text(slots[node][-2]) if node < len(slots) else ""
     return Entity(
         *(KINDS[kind], _text(slot[-2]), its_node, _text(slot[-1]), key.hex(), thread),
-        *(bool(latched), created, count, answers, size, last, bool(waiting), matched, age),
-        *(refused, dropped, max(longest, default=0)),
+        *(created, count, answers, size, last, matched, age, refused, dropped),
+        max(longest, default=0),
     )
 
 

@@ -18,6 +18,8 @@
 # of actions to end, in addition to SECONDS; the keeper itself is left alone until the container ends.
 # ROS 1: with RIGEL_K8S_WORKLOAD by the gate (ready.py leave); the other pod has a quarter of SECONDS to
 # become ready. Gate and master end the nodes then, and others get half a second to find the new ones.
+# With RIGEL_K8S_DRAIN the pod may take that much longer to end, for goals alone: what ignores all signals
+# is killed when the pod's own time is over, process 1 by the signal for which the layer made it exit.
 # If nothing was handed over and RIGEL_K8S_TRANSITIONS is set, it holds a node and the transitions that it
 # makes first (transitions.py stop), within half of SECONDS: with two nodes of its name, both would.
 # Needs sh, sleep, tr and /proc.
@@ -34,7 +36,8 @@ elif [ -n "$RIGEL_K8S_TRANSITIONS" ]; then
   # The words are split on purpose: the node and its transitions.
   /bin/sh "$here/exec.sh" python3 -B "$here/transitions.py" stop $((${1:-8} / 2)) $RIGEL_K8S_TRANSITIONS
 fi
-bound=$((${1:-8} * 10))
+bound=$((${1:-8} * 10)) tenth=0
+own=$((${1:-28} + 2)) # the pod's own seconds: Kubernetes' 30, or what the hook's bound was made of
 patience=15 # tenths of a second
 classified=' ' keepers=' ' cores=' ' launches=' ' interrupted=' ' warned=' '
 
@@ -141,7 +144,6 @@ heeds() {
 work() {
   read -r self _ </proc/self/stat
   mine="$mine$self "
-  tenth=0
   while [ "$tenth" -lt "$bound" ]; do
     round "$tenth"
     [ -z "$first$rest" ] && break
@@ -149,6 +151,17 @@ work() {
     if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
   done
   interrupt 1
+  if [ -n "$RIGEL_K8S_DRAIN" ]; then finish </dev/null >/dev/null 2>&1 & fi
+}
+
+# Ends what still runs when the pod's own time is over.
+finish() {
+  sleep $((own - tenth / 10))
+  read -r self _ </proc/self/stat
+  mine="$mine$self "
+  kill -64 1 2>/dev/null
+  list
+  for pid in $all; do kill -KILL "$pid" 2>/dev/null; done
 }
 
 mine=" $$ " parent=$$

@@ -256,6 +256,18 @@ static void end_thread(void *slot);
 static void stop_watching(void);
 static void watch(void);
 
+/* Process 1 of a container has no other way to be ended from inside, if it ignores SIGTERM. */
+static void end_at_once(int number) {
+  (void)number;
+  _exit(128 + SIGKILL);
+}
+
+static void let_be_ended(void) {
+  struct sigaction now_set;
+  if (getpid() == 1 && !sigaction(LAYER_END, NULL, &now_set) && now_set.sa_handler == SIG_DFL)
+    signal(LAYER_END, end_at_once);
+}
+
 /* Make the process's file, once; mutex is held. */
 static void begin(void) {
   static int tried_by; /* a process that was forked makes a file of its own */
@@ -293,6 +305,7 @@ static void begin(void) {
   atomic_store(&shared, common);
   atomic_store(&control, new->helper ? NULL : common);
   atomic_store(&file, new);
+  let_be_ended();
   watch();
 }
 
@@ -1229,6 +1242,12 @@ EXPORT ret_t rmw_service_server_is_available(const void *node, const void *clien
   return answer;
 }
 
+EXPORT ret_t rmw_count_services(const void *node, const char *service, size_t *count) {
+  ret_t answer = CALL(rmw_count_services, RET_UNSUPPORTED, node, service, count);
+  if (answer == RET_OK && count && *count && !is_server_here(node, service)) *count = 0;
+  return answer;
+}
+
 /* ---- Executors that are called when something arrives --------------------------------------- */
 
 /* They do not call rmw_wait: what they take is their heartbeat. */
@@ -1401,11 +1420,15 @@ static void look_around(struct layer_file *own, const void *node) {
   texts_t names = {0}, spaces = {0};
   if (CALL(rmw_get_node_names, RET_UNSUPPORTED, node, &names, &spaces) != RET_OK) return;
   uint32_t number = 0;
+  size_t used = 0;
   atomic_store(&own->seen_count, 0);
-  for (; number < names.count && number < spaces.count && number < LAYER_SEEN; number++) {
+  for (; number < names.count && number < spaces.count; number++) {
     const char *space = spaces.texts[number], *name = names.texts[number];
-    snprintf(own->seen[number], LAYER_NAME, "%s/%s", space && strcmp(space, "/") ? space : "",
-             name ? name : "");
+    size_t room = LAYER_SEEN - used;
+    int length = snprintf(own->seen + used, room, "%s/%s", space && strcmp(space, "/") ? space : "",
+                          name ? name : "");
+    if (length < 0 || (size_t)length >= room) break;
+    used += (size_t)length + 1;
   }
   atomic_store(&own->seen_count, number);
   release(&names);

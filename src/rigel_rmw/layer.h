@@ -13,9 +13,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define LAYER_VERSION 5
+#define LAYER_VERSION 6
 #define LAYER_NAME 256
 #define LAYER_TYPE 128
+#define LAYER_END 64 /* the signal that ends process 1 of a container (stop.sh) */
 
 enum layer_kind {
   LAYER_FREE = 0,
@@ -133,7 +134,7 @@ struct layer_slot {
   char type[LAYER_TYPE]; /* std_msgs/msg/String; "" if the middleware hides it */
 };
 
-#define LAYER_SEEN 256
+#define LAYER_SEEN 65536
 struct layer_file {
   char magic[8]; /* "rigelrmw" */
   uint32_t version;
@@ -151,7 +152,7 @@ struct layer_file {
   _Atomic uint32_t seen_count; /* 0 while `seen` is being written */
   uint32_t free_;
   char middleware[64];
-  char seen[LAYER_SEEN][LAYER_NAME]; /* nodes that the process has discovered, its own among them */
+  char seen[LAYER_SEEN]; /* nodes that the process has discovered, its own among them: names that end with 0 */
   struct layer_writer writers[LAYER_WRITERS];
   struct layer_goal goal[LAYER_GOAL_COUNT];
   struct layer_slot slot[LAYER_SLOTS];

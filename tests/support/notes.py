@@ -22,7 +22,7 @@ Answer = dict[str, Any]
 def entity(kind: str, name: str, node: str = "", **fields: Any) -> dict[str, Any]:
     """A part of a node, or an executor."""
     zero = dict.fromkeys(Entity._fields, 0)
-    kept = {"latched": False, "waiting": False, "type": "", "created": 1, "last": NOW}
+    kept = {"type": "", "created": 1, "last": NOW}
     one = Entity(**{**zero, **kept, "kind": kind, "name": name, "node": node, **fields})
     return one._asdict()
 
@@ -30,11 +30,9 @@ def entity(kind: str, name: str, node: str = "", **fields: Any) -> dict[str, Any
 def process(*nodes: str, parts: Any = (), pid: int = 7, **fields: Any) -> dict[str, Any]:
     """A process with nodes and their parts, whose executor waits for work."""
     own = [entity("node", name) for name in nodes]
-    entities = [*own, *parts, entity("executor", "", waiting=True)]
+    entities = [*own, *parts, entity("executor", "")]
     made = Process(
         pid=pid,
-        started=1,
-        middleware="rmw_fastrtps_cpp",
         full=0,
         ended=False,
         mode=0,

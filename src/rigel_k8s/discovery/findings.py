@@ -90,6 +90,7 @@ def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> Discovery
         *explain_unseen(found, seen),
         *map(explain_absence, absent),
         *(problem for member in looked for problem in explain_stand(seen[member.pod])),
+        *(problem for member in looked for problem in explain_full(member, seen[member.pod])),
         *(loss.problem for loss in find_losses(flow for m in looked for flow in seen[m.pod].flows)),
         *explain_deaf(deaf, looked),
         *explain_undiscovered(looked, known, deaf),
@@ -233,6 +234,15 @@ def explain_stand(seen: Observation) -> Iterator[Problem]:
             message = f"{node}: no turn of its executor for {seconds:.0f} s"
             remedy = "find the callback that does not return"
             yield Problem((), message, "stuck", "warning", remedy=remedy, subjects=(node,))
+
+
+def explain_full(member: Member, seen: Observation) -> Iterator[Problem]:
+    """Yield a pod with more topics and services than its processes have room to note."""
+    processes = seen.notes["second"]["processes"] if seen.notes else ()
+    if full := sum(int(process["full"]) for process in processes):
+        message = f"{member.pod}: the graph lacks {full} of its topics and services"
+        remedy = "divide the node: a process notes 2048"
+        yield Problem((), message, "not-noted", "warning", remedy=remedy, subjects=(member.pod,))
 
 
 def explain_deaf(deaf: Sequence[tuple[str, str]], looked: Sequence[Member]) -> Iterator[Problem]:

@@ -259,6 +259,16 @@ def test_an_executor_that_stands_still_is_named():
     assert not problem.is_error
 
 
+def test_a_process_with_more_topics_than_it_has_room_for_is_named():
+    """What it publishes beyond that is not counted, and seems to be missing."""
+    found = [member("a")]
+    processes = [process("/a"), process("/b", full=3)]
+    looks = {found[0].pod: noted("/a", "/a", notes={"second": {"processes": processes}})}
+    [problem] = graph(found, looks).problems
+    assert (problem.kind, problem.severity) == ("not-noted", "warning")
+    assert problem.message == f"{found[0].pod}: the graph lacks 3 of its topics and services"
+
+
 def test_what_one_that_stands_still_has_discovered_is_unknown():
     """It notes that with its turns: nodes that came later are no fault of the network."""
     found = [layered("planner"), layered("lidar", "node2"), layered("arm", "node3")]

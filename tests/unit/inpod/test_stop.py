@@ -18,12 +18,12 @@ pytestmark = pytest.mark.programs
 
 STOP = Path(rigel_inpod.__file__).parent / "stop.sh"
 
-#: Says when it got which signal; `deaf` ones go on after SIGINT.
+#: Says when it got which signal; `deaf` ones go on after SIGINT, `stubborn` ones after all.
 NODE = """
 import signal, sys, time
 def told(number, frame):
     print(time.monotonic_ns(), sys.argv[1], signal.Signals(number).name, flush=True)
-    if "deaf" not in sys.argv[1] or number == signal.SIGTERM:
+    if "stubborn" not in sys.argv[1] and ("deaf" not in sys.argv[1] or number == signal.SIGTERM):
         sys.exit()
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, told)
@@ -37,7 +37,9 @@ import os, signal, subprocess, sys, time
 node, *names = sys.argv[1:]
 def told(number, frame):
     os.write(1, f"{time.monotonic_ns()} first {signal.Signals(number).name}\\n".encode())
-for number in (signal.SIGINT, signal.SIGTERM):
+    if number == signal.SIGRTMAX:
+        os._exit(137)
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGRTMAX):
     signal.signal(number, told)
 nodes = [
     subprocess.Popen(
@@ -105,6 +107,14 @@ def test_nodes_get_sigint_and_process_1_gets_it_after_them(stopped: Callable[...
 
 def test_what_does_not_end_gets_sigterm_after_half_the_time(stopped: Callable[..., list[str]]):
     assert stopped("deaf", seconds=6) == ["deaf SIGINT", "deaf SIGTERM", "first SIGINT"]
+
+
+def test_what_ignores_all_signals_is_killed_in_the_pods_own_time(stopped: Callable[..., list[str]]):
+    """Where goals may make the end longer: Kubernetes would wait for that, too."""
+    env = {"RIGEL_K8S_DRAIN": "300"}
+    both = ["stubborn SIGINT", "stubborn SIGTERM"]
+    assert stopped("stubborn", seconds=2, env=env) == [*both, "first SIGINT", "first SIGRTMAX"]
+    assert stopped("one", seconds=2) == ["one SIGINT", "first SIGINT"]
 
 
 def test_a_roscore_outlives_the_nodes(stopped: Callable[..., list[str]], tmp_path: Path):

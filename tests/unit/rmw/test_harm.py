@@ -17,6 +17,9 @@ from tests.unit.rmw.conftest import Start
 
 pytestmark = pytest.mark.programs
 
+#: The signal that stop.sh sends at last.
+LAYER_END = 64
+
 
 def test_a_middleware_may_lack_what_is_optional(tmp_path: Path, start: Start) -> None:
     """A caller gets the answer for it, "unsupported", and all else works."""
@@ -144,6 +147,21 @@ def test_more_entities_than_there_are_slots(start: Start) -> None:
     node.do("destroy p /out")
 
 
+def test_a_graph_of_more_than_256_nodes(node: Node) -> None:
+    """Its nodes are discovered; those for which the notes have no room are left out."""
+
+    def find_seen() -> set[str]:
+        (process,) = node.notes.processes()
+        return set(process.seen)
+
+    node.do("nodes 1000")
+    names = {f"/robot/node_{number}" for number in range(1000)}
+    until(lambda: find_seen() == names, "they are discovered", every=0.1)
+    node.do("nodes 9000")
+    until(lambda: len(find_seen()) > 1000, "more are discovered", every=0.1)
+    assert names < find_seen() < {f"/robot/node_{number}" for number in range(9000)}
+
+
 def test_entities_that_come_and_go_leave_nothing(node: Node) -> None:
     """Slots are used again."""
     for number in range(600):
@@ -152,6 +170,36 @@ def test_entities_that_come_and_go_leave_nothing(node: Node) -> None:
     (process,) = node.notes.processes()
     assert [one.kind for one in process.entities] == ["node"]
     assert not process.full
+
+
+def test_process_1_of_a_container_can_be_ended_from_inside(
+    start: Start, built: Built, tmp_path: Path
+) -> None:
+    """One that ignores all signals: no other process of the container could kill it."""
+    words = ("unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child")
+    if subprocess.run([*words, "true"], capture_output=True).returncode:
+        pytest.skip("no process namespace can be made here")
+    line = (*words, "env", f"LD_PRELOAD={built.preload}", f"RIGEL_RMW={tmp_path}", *built.main)
+    node = name(start(of=Built(tuple(map(Path, line)), None)))
+    (first,) = (
+        Path(f"/proc/{node.process.pid}/task/{node.process.pid}/children").read_text().split()
+    )
+    os.kill(int(first), LAYER_END)
+    assert node.process.wait(60) == 137
+
+
+def test_a_setuid_program_runs_without_the_layer(built: Built, tmp_path: Path) -> None:
+    """The kernel's loader leaves out what is preloaded by its path, and nothing is printed."""
+    if os.geteuid() != 0:
+        pytest.skip("only root may make a setuid program of another user")
+    tmp_path.chmod(0o755)
+    program = Path(shutil.copy(built.main[0], tmp_path / "program"))
+    program.chmod(0o4755)
+    env = {"LD_PRELOAD": str(built.preload), "RIGEL_RMW": str(tmp_path)}
+    line = ["setpriv", "--reuid=1000", "--clear-groups", str(program), *map(str, built.main[1:])]
+    done = subprocess.run(line, env=env, input="node n /\n", capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ok\n", "")
+    assert not list(tmp_path.glob("control*"))
 
 
 def test_a_forked_process_leaves_its_parents_notes_alone(node: Node) -> None:

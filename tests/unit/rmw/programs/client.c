@@ -34,6 +34,7 @@ int rmw_take_request(const fake_t *, fake_header_t *, void *, bool *);
 int rmw_send_response(const fake_t *, fake_id_t *, void *);
 int rmw_send_request(const fake_t *, const void *, int64_t *);
 int rmw_service_server_is_available(const fake_t *, const fake_t *, bool *);
+int rmw_count_services(const fake_t *, const char *, size_t *);
 int rmw_wait(fake_set_t *, fake_set_t *, fake_set_t *, fake_set_t *, fake_set_t *, void *,
              const fake_duration_t *);
 int rmw_subscription_set_on_new_message_callback(fake_t *, fake_callback_t, const void *);
@@ -311,10 +312,13 @@ int client_main(void) {
     else if (!strcmp(verb, "stress")) stress(atoi(a));
     else if (!strcmp(verb, "timer")) printf("%d\n", rcl_timer_call(NULL));
     else if (!strcmp(verb, "served")) fake_serve(a, atoi(b)), puts("ok");
+    else if (!strcmp(verb, "nodes")) fake_nodes((size_t)atoi(a)), puts("ok");
     else if (!strcmp(verb, "available")) {
       bool available = false;
+      size_t number = 0;
       int answer = rmw_service_server_is_available(node, find('c', a)->entity, &available);
-      printf("%s\n", answer ? "error" : available ? "yes" : "no");
+      answer |= rmw_count_services(node, a, &number);
+      printf("%s\n", answer || available != !!number ? "error" : available ? "yes" : "no");
     } else if (!strcmp(verb, "request")) {
       fake_message_t request = {{0}, strtoull(b, NULL, 10)};
       int64_t number;

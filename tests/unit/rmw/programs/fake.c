@@ -2,6 +2,7 @@
  * stands before it. Built with MINIMAL it lacks what is optional; with CYCLONE it names who sends
  * as Cyclone DDS does, by handles that are different in each process; with ZENOH the identifiers of
  * a process' entities have nothing in common. */
+#define _GNU_SOURCE
 #include "fake.h"
 
 #include <pthread.h>
@@ -220,6 +221,29 @@ int rmw_service_server_is_available(const fake_t *node, const fake_t *client, bo
   (void)node, (void)client;
   *available = server_count > 0;
   return 0;
+}
+int rmw_count_services(const fake_t *node, const char *service, size_t *number) {
+  (void)node, (void)service;
+  *number = (size_t)server_count;
+  return 0;
+}
+static size_t node_count;
+
+void fake_nodes(size_t number) { node_count = number; }
+static char **texts_of(fake_texts_t *into, const char *format) {
+  into->count = node_count;
+  into->texts = calloc(node_count, sizeof *into->texts);
+  for (size_t i = 0; i < node_count; i++) asprintf(&into->texts[i], format, i);
+  return into->texts;
+}
+static void free_text(void *text, void *state) {
+  (void)state;
+  free(text);
+}
+int rmw_get_node_names(const fake_t *node, fake_texts_t *names, fake_texts_t *spaces) {
+  (void)node;
+  names->allocator.deallocate = spaces->allocator.deallocate = free_text;
+  return texts_of(names, "node_%zu") && texts_of(spaces, "/robot") ? 0 : 1;
 }
 int rcl_timer_call(void *timer) {
   (void)timer;

@@ -68,6 +68,12 @@ def is_rolling(update: RollingUpdate | None) -> bool:
     return update.strategy.lower() in ("rolling", "rollingupdate")
 
 
+class OnRequest(str):
+    """Why a node is not handed over by default; a user who requests it gets it."""
+
+    __slots__ = ()
+
+
 def requests_hand_over(update: RollingUpdate | None) -> bool:
     """Return whether the user requests a hand-over."""
     return update is not None and (update.strategy or "").lower() == "handover"

@@ -625,20 +625,36 @@ HAND_OVER = (
     ("components: {c: {package: a, plugin: b}}", LAN),
     ("args: x, ports: [80]", LAN),
     ("args: x, host_network: true", "network: none"),
-    *(("args: x", f"network: {mode}") for mode in ("host", "peers", "zenoh", "discovery-server")),
-    ("args: x", "middleware: zenoh, network: none"),
+    *(("args: x", f"network: {mode}") for mode in ("host", "peers", "discovery-server")),
 )
+ZENOH = ("network: zenoh", "middleware: zenoh, network: none")
 
 
 @pytest.mark.parametrize(("node", "network"), HAND_OVER)
 @pytest.mark.parametrize("update", ["", ", update: {strategy: HandOver}"])
 def test_any_other_ros2_node_hands_over(node: str, network: str, update: str) -> None:
-    """With every program, in every mode, on every middleware; without a request, too."""
+    """With every program, in every mode of DDS; without a request, too."""
     text = f"{{image: a, {network}, nodes: {{n: {{{node}{update}}}}}}}"
     assert [one for one in problems(text, "jazzy") if one.severity == "error"] == []
     made = find(release(text, distro="jazzy"), "Deployment", "n")
     assert made["metadata"]["annotations"]["rigel-k8s/update"] == "HandOver"
     assert made["spec"]["strategy"]["type"] == "RollingUpdate"
+
+
+@pytest.mark.parametrize("network", ZENOH)
+def test_over_zenoh_nodes_hand_over_on_request(network: str) -> None:
+    """It was not run there; one warning says so, until an update is chosen."""
+
+    def way(update: str, warned: set[tuple[str, str]]) -> str:
+        text = f"{{image: a, {network}, nodes: {{n: {{args: x{update}}}, o: {{args: x{update}}}}}}}"
+        assert told(text, "error", "jazzy") == set()
+        assert {one for one in told(text, "warning", "jazzy") if one[0] == "hand-over"} == warned
+        made = find(release(text, distro="jazzy"), "Deployment", "o")
+        return str(made["metadata"]["annotations"]["rigel-k8s/update"]).partition(":")[0]
+
+    assert way("", {("hand-over", "nodes.n")}) == "Recreate"
+    assert way(", update: {strategy: HandOver}", set()) == "HandOver"
+    assert way(", update: {strategy: Recreate}", set()) == "Recreate"
 
 
 def test_what_is_for_another_kind_of_update_is_refused() -> None:
@@ -697,7 +713,8 @@ ON_MACHINE = {
 @pytest.mark.parametrize("network", ON_MACHINE)
 def test_a_node_on_its_machines_network_is_refused_by_a_second_network_only(network: str) -> None:
     """Multus attaches nothing to it."""
-    nodes = "{n: {args: x, host_network: true}, o: {args: x}}"
+    update = "update: {strategy: Recreate}"
+    nodes = f"{{n: {{args: x, host_network: true, {update}}}, o: {{args: x, {update}}}}}"
     text = f"{{image: a, {network}, nodes: {nodes}}}"
     assert told(text, "error", "jazzy") == ON_MACHINE[network]
     assert told(text, "warning", "jazzy") == set()

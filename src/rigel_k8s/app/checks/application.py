@@ -34,6 +34,7 @@ from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
 from rigel_k8s.app.recording import find_faults
 from rigel_k8s.app.updating import (
+    OnRequest,
     is_rolling,
     requests_hand_over,
     share,
@@ -224,6 +225,13 @@ def check_hand_over(
         key: ros.of_node(node).find_obstacle(node, volumes, options.network, options.middleware)
         for key, node in nodes.items()
     }
+    asks = (key for key, node in nodes.items() if not (node.anonymous or node.update or node.kind))
+    if key := next((key for key in asks if isinstance(obstacles[key], OnRequest)), None):
+        message = (
+            f"its update stops it, since {obstacles[key]}: set `update: {{strategy: HandOver}}` to"
+            " have it all the same, or {strategy: Recreate}"
+        )
+        yield Problem(("nodes", key), message, "hand-over", severity="warning", at_key=True)
     groups = group_nodes(options)
     for key, node in nodes.items():
         own = ros.of_node(node)

@@ -48,7 +48,8 @@ from rigel_k8s.app.programs import (
     split,
     write_values,
 )
-from rigel_k8s.app.updating import Way, find_obstacle
+from rigel_k8s.app.updating import OnRequest, Way, find_obstacle, requests_hand_over
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import RollingUpdate, Volume
 from rigel_k8s.objects.pods import LOG_PATH, Object
@@ -64,6 +65,7 @@ from rigel_rmw import libraries
 FLAG, END = "--ros-args", "--"
 #: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
+UNPROVEN = OnRequest("hand-over was not run over zenoh")
 #: The node's own `parameters`, as rcl reads them.
 OWN_FILE = "99-parameters.yaml"
 
@@ -294,6 +296,9 @@ class Ros2(Generation):
             return f"it has {node.replicas} pods"
         if network is not None and network.ipam == "static":
             return "with `ipam: static` two pods would have one address"
+        used = middleware or (network and mode_of(network).middleware)
+        if used == "zenoh" and not requests_hand_over(node.update):
+            return UNPROVEN
         return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
 
     def hand_over(

@@ -16,12 +16,23 @@ from rigel_k8s.objects.scalars import DevicePath, ObjectName
 
 #: Folders that a device may be, so that the container sees all that they contain.
 FOLDERS = re.compile(
-    r"/dev(/(bus(/usb(/\d{3})?)?|(dri|snd|input|serial|v4l|disk)(/by-\w+)?|shm|mapper|net|pts))?|.*/"
+    r"/dev(/(bus(/usb(/\d{3})?)?|(dri|snd|input|serial|v4l|disk)(/by-\w+)?|dma_heap|hugepages"
+    r"|infiniband|mapper|net|pts|shm|vfio))?|.*/"
 )
 BLOCK_DEVICES = re.compile(
     r"/dev/([shv]d[a-z]+\d*|xvd[a-z]+\d*|nvme\d+n\d+(p\d+)?|mmcblk\d+((p|boot)\d+)?|(loop|nbd|md)\d+"
     r"(p\d+)?|(dm-|sr|ram|zram)\d+|disk/by-\w+/.+|mapper/(?!control$).+)"
 )
+#: What the name of a path outside of /dev shows; a name without a dot may be a file in some places.
+NAMES = {
+    "Socket": re.compile(r".*\.sock"),
+    "File": re.compile(
+        r"/etc/(group|host(name|s)|localtime|machine-id|passwd|timezone)"
+        r"|.*\.(bag|cfg|conf|crt|csv|db3|engine|env|ini|jpe?g|json|key|launch|mcap|onnx|pb|pbstream"
+        r"|pcd|pem|pgm|ply|png|pth?|py|rviz|sdf|sh|so|stl|tflite|toml|txt|urdf|xacro|xml|ya?ml)"
+    ),
+    "Directory": re.compile(r".*/|(?!/(etc|proc|run|sys|var/run|(usr/(local/)?)?s?bin)/).*/[^./]+"),
+}
 
 
 def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:
@@ -46,6 +57,16 @@ def device_type(path: str) -> str:
     if FOLDERS.fullmatch(path):
         return "Directory"
     return "BlockDevice" if BLOCK_DEVICES.fullmatch(path) else "CharDevice"
+
+
+def volume_type(path: str) -> str | None:
+    """Return the type of a volume's hostPath as far as its name shows it; None if it does not.
+
+    A file that is missing without a type becomes a directory, and a directory an empty one.
+    """
+    if path.startswith("/dev/"):
+        return device_type(path)
+    return next((kind for kind, names in NAMES.items() if names.fullmatch(path)), None)
 
 
 def source_count(mount: VolumeMount) -> int:
@@ -86,8 +107,10 @@ def volume_of(mount: VolumeMount, name: str) -> Object:
     if mount.name:
         claim = {"claimName": f"{mount.name}-pvc"}
         return {"name": str(mount.name), "persistentVolumeClaim": claim}
+    host = str(mount.host_path or "")
+    kind = mount.type or volume_type(host)
     source: dict[str, Any] = {
-        "hostPath": {"path": str(mount.host_path)} if mount.host_path else None,
+        "hostPath": drop_empty({"path": host, "type": kind}) if host else None,
         "configMap": {"name": str(mount.config_map)} if mount.config_map else None,
         "secret": {"secretName": str(mount.secret)} if mount.secret else None,
         "emptyDir": {"medium": "Memory", "sizeLimit": str(mount.memory)} if mount.memory else None,

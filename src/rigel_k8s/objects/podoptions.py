@@ -34,6 +34,9 @@ from rigel_k8s.objects.scalars import (
 
 Scalar = str | int | float | bool
 ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
+HostPathType = Literal[
+    "Directory", "DirectoryOrCreate", "File", "FileOrCreate", "Socket", "CharDevice", "BlockDevice"
+]
 #: Those that are reached from outside of the cluster.
 OUTSIDE = ("NodePort", "LoadBalancer")
 
@@ -152,6 +155,10 @@ class VolumeMount:
 
     name: ObjectName | None = option("one of persistent_storage.volumes")
     host_path: MountPath | None = option("a directory or file of the machine that the pod runs on")
+    type: HostPathType | None = option(
+        "what `host_path` must be on the machine, where ...OrCreate creates what is missing"
+        " (default: what its name shows, as Directory for /data/maps)"
+    )
     config_map: DottedName | None = option("a ConfigMap of the namespace")
     secret: DottedName | None = option("a Secret of the namespace")
     memory: Quantity | None = option("memory of this size, for example for /dev/shm")

@@ -74,10 +74,30 @@ def test_a_device_elsewhere_in_the_container_has_the_type_of_its_machine() -> No
     assert found == {"path": "/dev/video2", "type": "CharDevice"}
 
 
-def test_a_directory_of_the_machine_may_be_made() -> None:
-    """A volume's `host_path` has no type."""
-    found = host_path("volumes: [{host_path: /dev/a, mount_path: /a}]")
-    assert found == {"path": "/dev/a"}
+@pytest.mark.parametrize(
+    ("kind", "path"),
+    [
+        ("Directory", "/data/maps"),
+        ("Directory", "/data/maps.d/"),
+        ("Directory", "/dev/shm"),
+        ("CharDevice", "/dev/ttyUSB0"),
+        ("BlockDevice", "/dev/sda1"),
+        ("File", "/data/floor.yaml"),
+        ("File", "/etc/machine-id"),
+        ("Socket", "/run/docker.sock"),
+        (None, "/data/maps.2"),
+        (None, "/etc/camera"),
+        (None, "/usr/local/bin/tool"),
+        (None, "/run/udev"),
+    ],
+)
+def test_a_volume_is_what_its_name_shows(kind: str | None, path: str) -> None:
+    """Where that is doubtful, it has no type; what is said in the Rigelfile counts."""
+    volume = f"host_path: {path}, mount_path: /a"
+    shown = {"type": kind} if kind else {}
+    assert host_path(f"volumes: [{{{volume}}}]") == {"path": path, **shown}
+    said = {"path": path, "type": "FileOrCreate"}
+    assert host_path(f"volumes: [{{{volume}, type: FileOrCreate}}]") == said
 
 
 def test_a_path_with_colons_is_another_one_in_the_container() -> None:

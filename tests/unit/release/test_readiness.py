@@ -279,6 +279,12 @@ def test_events_tell_mounts_only_until_a_container_has_started() -> None:
     events = [event("uid-p", "FailedMount", "no such file")]
     [found] = causes(live("Deployment", {}), [pod(**container(waiting("x")))], events)
     assert (found.kind, found.message) == ("mount", "FailedMount: no such file")
+    check = "hostPath type check failed: /dev/ttyUSB0 is not a character device"
+    events = [event("uid-p", "FailedMount", f'MountVolume.SetUp failed for volume "d" : {check}')]
+    waits = pod(**container(waiting("x")))
+    waits["spec"] = {"nodeName": "robot-1"}
+    [found] = causes(live("Deployment", {}), [waits], events)
+    assert found.message == "/dev/ttyUSB0 is not a character device on the machine robot-1"
     running = pod(**container({"running": {}}, started=False))  # its startup probe still fails
     assert causes(live("Deployment", {}), [running], events) == []
     pulls = pod(**container(waiting("ErrImagePull", "no such image")))

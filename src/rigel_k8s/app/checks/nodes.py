@@ -209,6 +209,8 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
             yield Problem(path, message, "unknown-volume")
         elif mount.mount_path is None and not mount.name:
             yield Problem(path, "mount_path is missing", "bad-volume")
+        elif mount.type and not mount.host_path:
+            yield Problem((*path, "type"), "type is that of a host_path: remove it", "bad-volume")
         elif problem := explain_few_bytes(mount.memory):
             yield Problem((*path, "memory"), problem, "bad-quantity")
 

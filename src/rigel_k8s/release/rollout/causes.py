@@ -44,6 +44,8 @@ EVENTS = {
 #: A busy kubelet that has not yet read the pod's ConfigMaps and Secrets reports this and tries
 #: again. One that does not exist is reported as "not found".
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
+#: A path of the machine that does not exist there, or is something else than the volume's type.
+NO_PATH = re.compile(r"hostPath type check failed: (.+)")
 #: What a probe prints of a pod that waits to take over.
 TURN = re.compile(r"(?:\w+ probe failed: )?(.+) \[waits\]")
 #: What a runtime says of a probe in a container that has exited.
@@ -72,7 +74,10 @@ CAUSES: Mapping[str, Kind] = {
     ),
     "claim": Kind("a claim is not bound", "check its StorageClass and size"),
     "quota": Kind("a quota prevents further pods", "request less, or have it raised"),
-    "mount": Kind("a volume cannot be mounted", "read the event in the message"),
+    "mount": Kind(
+        "a volume cannot be mounted",
+        "read the event in the message; a path of a machine: create it there, or set its `type`",
+    ),
     "sandbox": Kind(
         "the pod's network cannot be set up", "check Multus and the CNI on that machine"
     ),
@@ -299,7 +304,9 @@ def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cau
     for event in find_events(pod, events):
         kind, message = EVENTS.get(event["reason"], ""), event.get("message") or ""
         if kind and not started and not BUSY.search(message):
-            yield Cause(kind, f"{event['reason']}: {message}", name)
+            path = NO_PATH.search(message)
+            where = f"{path[1]} on the machine {pod['spec'].get('nodeName')}" if path else ""
+            yield Cause(kind, where or f"{event['reason']}: {message}", name)
 
 
 def is_past_mounts(container: Mapping[str, Any]) -> bool:

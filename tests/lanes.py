@@ -21,8 +21,6 @@ LANES = {
     # With static peers, in namespaces of their own: beside the others.
     "tests/cluster/ros2/test_foxglove.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_expect.py": "ros2 peers",
-    "tests/cluster/ros2/test_ros2_idle.py": "ros2 peers",
-    "tests/cluster/ros2/test_ros2_task.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_testing.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_together.py": "ros2 peers",
     "tests/cluster/ros2/modes/": "ros2 modes",
@@ -34,8 +32,6 @@ LANES = {
     "tests/cluster/observability/boards/": "boards",
     "tests/cluster/observability/test_exporter.py": "exporter",
     "tests/cluster/observability/reading/": "reading",
-    # Beside a test that lets another release look like the stack, `rigel top` finds two.
-    "tests/cluster/observability/test_ros2.py": "reading",
     "tests/cluster/observability/test_existing.py": "operator",
 }
 #: Lane -> the lane that has to be over when it begins, because that one changes the stack.

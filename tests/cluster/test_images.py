@@ -16,7 +16,6 @@ import tarfile
 import threading
 import uuid
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -25,8 +24,7 @@ from typing import Any, Literal
 import attrs
 import pytest
 
-from rigel_k8s.errors import CommandFailed, Interrupted
-from rigel_k8s.images.credentials import RegistryCredentials
+from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions
@@ -37,10 +35,8 @@ from rigel_k8s.jobs.types.dockerfile import (
     DockerfileOptions,
     DockerfileVariable,
 )
-from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system import oci
-from rigel_lab import cluster as lab
 from rigel_lab.images import exporter
 from rigel_lab.images.base.build import BaseImage
 from rigel_lab.images.base.delivery import deliver
@@ -79,8 +75,6 @@ def build(
     image: str,
     *,
     providers: dict[str, Any] | None = None,
-    cancel: threading.Event | None = None,
-    context: str | None = None,
     **options: Any,
 ) -> Built:
     """Run a BuildX job with podman on the Dockerfile of a directory."""
@@ -89,10 +83,10 @@ def build(
         name="build",
         application=Application("noetic", directory),
         report=told,
-        settings=Settings(context=context),
+        settings=Settings(),
         data=data,
         providers=providers or {},
-        cancel=cancel or threading.Event(),
+        cancel=threading.Event(),
     )
     options = {"platforms": [], "tool": "podman", **options}
     BuildXJob().run(BuildXOptions(image, **options), job)
@@ -156,28 +150,8 @@ def private_registry(
     yield from serve(registry_program, directory, auth)
 
 
-# The registry provider
-
-
 def options(registry: Registry, password: str = PASSWORD) -> ContainerRegistryOptions:
     return ContainerRegistryOptions(registry.name, USER, password)
-
-
-def test_the_provider_logs_in(private_registry: Registry) -> None:
-    """Good credentials connect, are handed to the jobs, and are told without the password."""
-    told = Recorder()
-    connection = ContainerRegistry().connect(options(private_registry), "hub", told)
-    assert connection == RegistryCredentials(private_registry.name, USER, PASSWORD)
-    assert told.lines == [f"logged in to {private_registry.name} as {USER}"]
-    assert PASSWORD not in repr(connection)
-    ContainerRegistry().disconnect(connection)
-
-
-def test_the_provider_takes_a_registry_without_users(public_registry: Registry) -> None:
-    """A registry that asks for no credentials is reported as such."""
-    told = Recorder()
-    ContainerRegistry().connect(options(public_registry), "hub", told)
-    assert told.lines == [f"{public_registry.name} needs no credentials"]
 
 
 # Build, push, digest
@@ -216,15 +190,6 @@ def test_a_pushed_image_is_pulled_by_the_digest_that_was_told(image: str, projec
     podman("rmi", "--force", by_digest)
     assert f"pushed {image}:1 ({digests[f'{image}:1']})" in built.told.lines
     assert any("3/3 COPY content /content" in text for text in built.told.texts)
-
-
-def test_the_same_tag_built_again_has_another_digest(image: str, project: Path) -> None:
-    """A change of the sources changes the digest, so that the same tag rolls out anew."""
-    before = build(project, f"{image}:1", push=True).data[DIGESTS][f"{image}:1"]
-    (project / "content").write_text("changed")
-    after = build(project, f"{image}:1", push=True).data[DIGESTS][f"{image}:1"]
-    assert before != after
-    assert resolve_digest(f"{image}:1") == after
 
 
 def test_an_unchanged_build_keeps_its_digest(image: str, project: Path) -> None:
@@ -273,15 +238,6 @@ def auth_files() -> list[Path]:
     return [file for file in (*places, Path.home() / ".docker/config.json") if file.is_file()]
 
 
-def test_a_base_image_comes_from_a_registry_without_tls(image: str, project: Path) -> None:
-    """FROM and a build argument may name an image on a registry of this machine."""
-    build(project, f"{image}:1", push=True)
-    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
-    (project / "Dockerfile").write_text("ARG BASE\nFROM $BASE\nCOPY content /more\n")
-    built = build(project, f"{image}:2", push=True, buildargs={"BASE": f"{image}:1"})
-    assert f"{image}:2" in built.data[DIGESTS]
-
-
 def test_several_platforms_are_one_image(image: str, project: Path) -> None:
     """The pushed image is a list of both platforms; the loaded one is this machine's."""
     (project / "Dockerfile").write_text(
@@ -313,37 +269,6 @@ def manifest(image: str, tag: str) -> dict[str, Any]:
     return found
 
 
-def test_a_failing_command_is_shown_with_all_that_it_printed(
-    base_image: str, project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The cause may stand far above podman's last lines; other steps are in the log alone.
-
-    On a busy machine podman may lose what a step prints just before it ends: these steps wait.
-    """
-    monkeypatch.setenv("XDG_CACHE_HOME", str(project / "cache"))
-    script = "echo the cause; seq 100; sleep 1; exit 3"
-    own = f"echo {uuid.uuid4()} $((1 + 1)) steps; sleep 1"  # in no layer cache
-    (project / "Dockerfile").write_text(
-        f"FROM {base_image}\nRUN {own}\nRUN {script}\nRUN echo after\n"
-    )
-    with pytest.raises(CommandFailed, match=r"exit code 3") as caught:
-        build(project, "localhost/failing:1")
-    details = caught.value.details
-    assert details[:3] == (f"STEP 3/4: RUN {script}", "the cause", "1")
-    assert f'building at STEP "RUN {script}"' in details[-2]
-    log = Path(details[-1].removeprefix("the complete log: ")).read_text()
-    assert "2 steps" in log
-    assert "2 steps" not in details
-
-
-def test_a_registry_that_is_not_there_is_told(project: Path) -> None:
-    """A push into the void is an error with podman's words."""
-    with pytest.raises(CommandFailed, match=r"push of 127\.0\.0\.1:1/app:1 failed") as caught:
-        build(project, "127.0.0.1:1/app:1", push=True)
-    assert any("refused" in line for line in caught.value.details)
-    podman("rmi", "--force", "127.0.0.1:1/app:1", "127.0.0.1:1/app:latest")
-
-
 def test_a_base_image_that_is_pushed_anew_is_what_is_built_on(
     registry: str, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -368,33 +293,6 @@ def test_a_base_image_that_is_pushed_anew_is_what_is_built_on(
     with tarfile.open(fileobj=io.BytesIO(files.stdout)) as tar:
         assert {"second", "content"} <= set(tar.getnames())
         assert "first" not in tar.getnames()
-
-
-def test_an_interrupted_build_leaves_no_process(base_image: str, project: Path) -> None:
-    """Ctrl-C in a RUN step ends podman and what it runs, and is no failure of the build."""
-    mark = f"60{uuid.uuid4().int % 10**9}"
-    (project / "Dockerfile").write_text(f"FROM {base_image}\nRUN sleep {mark}\n")
-    cancel = threading.Event()
-
-    def cancel_when_it_runs() -> None:
-        until(lambda: running(mark), "build", 120)
-        cancel.set()
-
-    threading.Thread(target=cancel_when_it_runs, daemon=True).start()
-    with pytest.raises(Interrupted):
-        build(project, "localhost/interrupted:1", cancel=cancel)
-    until(lambda: not running(mark), "end of the build", 120)
-
-
-def running(mark: str) -> list[str]:
-    """The processes that sleep for so many seconds, podman's own among them."""
-    found = []
-    for file in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):
-            words = file.read_bytes().split(b"\0")
-            if b"sleep" in words[0] and mark.encode() in words[1:]:
-                found.append(file.parent.name)
-    return found
 
 
 # ROS workspaces
@@ -496,63 +394,3 @@ def in_image(image: str, *words: str) -> list[str]:
     finally:
         subprocess.run(["buildah", "rm", container], check=True, capture_output=True)
     return done.stdout.splitlines()
-
-
-# The local cluster
-
-
-@pytest.fixture
-def local(context: str) -> str:
-    """The name of the local cluster behind the context."""
-    name = context.removeprefix("rigel-")
-    if name not in lab.names():
-        pytest.skip(f"{context} is no local cluster of this machine")
-    return name
-
-
-def test_the_clusters_registry_needs_no_word(local: str, project: Path) -> None:
-    """A push to the local cluster's registry is let through without `insecure`."""
-    image = f"{lab.status(local).registry}/test/{project.name.replace('_', '-').lower()}"
-    built = build(project, f"{image}:1", push=True)
-    assert resolve_digest(f"{image}:1") == built.data[DIGESTS][f"{image}:1"]
-    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
-
-
-def test_a_loaded_image_is_on_every_node(
-    local: str, context: str, namespace: str, cluster: Any, base_image: str, project: Path
-) -> None:
-    """cluster_load: a pod that must not pull runs the image on each node."""
-    image = f"loaded.test/{project.name.replace('_', '-').lower()}"
-    (project / "Dockerfile").write_text(f"FROM {base_image}\nCOPY content /content\n")
-    build(project, f"{image}:1", cluster_load=True, context=context)
-    nodes = [node.name for node in lab.status(local).nodes]
-    for node in nodes:
-        cluster.create(pod(namespace, f"{image}:1", node))
-    for node in nodes:
-        ref = ObjectRef("v1", "Pod", namespace, f"on-{node}")
-        until(partial(succeeded, cluster, ref), f"success of {ref}", 240)
-    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
-
-
-def succeeded(cluster: Any, ref: ObjectRef) -> bool:
-    return bool(cluster.get(ref)["status"].get("phase") == "Succeeded")
-
-
-def pod(namespace: str, image: str, node: str) -> dict[str, Any]:
-    return {
-        "apiVersion": "v1",
-        "kind": "Pod",
-        "metadata": {"name": f"on-{node}", "namespace": namespace},
-        "spec": {
-            "nodeName": node,
-            "restartPolicy": "Never",
-            "containers": [
-                {
-                    "name": "it",
-                    "image": image,
-                    "imagePullPolicy": "Never",
-                    "command": ["cat", "/content"],
-                }
-            ],
-        },
-    }

@@ -101,25 +101,3 @@ def test_messages_go_through_the_nodes_of_a_stack(robot: Robot, config: dict[str
     }
     assert "<name>topic_tools</name>" in robot.run("talker", "rosparam", "get", "/description")
     assert robot.rigel("diff", "--exit-code").returncode == 0
-
-
-#: A nodelet that no package of the image has.
-NODELETS = {
-    "stackId": "org.example.robots:nodelets",
-    "node": [
-        {"name": "manager", "pkg": "nodelet", "exec": "nodelet", "args": "manager"},
-        {"name": "wheel", "pkg": "nodelet", "exec": "nodelet", "args": "load car/Wheel manager"},
-    ],
-}
-
-
-@pytest.mark.slow  # waits until the deploy gives up; without a cluster the loader is tested anyway
-def test_a_nodelet_that_cannot_be_loaded_is_the_cause(robot: Robot) -> None:
-    """Manager and nodelet are one pod, which is not ready without the nodelet."""
-    (robot.file.parent / "stack.json").write_text(json.dumps(NODELETS))
-    robot.write({}, muto="stack.json")
-    done = robot.rigel("run", "job", "deploy", "--timeout", "20s", check=False)
-    assert done.returncode != 0
-    cause = "/manager cannot load /wheel (car/Wheel) (attempt "
-    assert cause in done.stdout + done.stderr
-    assert robot.deployments() == {"ros-master", "manager"}

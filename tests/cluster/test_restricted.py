@@ -120,47 +120,6 @@ def test_ros1_works_and_hands_over(
     assert "hint: without that, connect single ports with `rigel forward`" in refused.stderr
 
 
-def test_without_the_key_no_pod_is_made(
-    tmp_path: Path, restricted: str, base_image: str, rigel: Any, cluster: Any
-) -> None:
-    """The namespace does enforce the level."""
-    robot = Robot(tmp_path, restricted, base_image, rigel, cluster)
-    robot.write({"talker": python(TALKER)})
-    done = robot.rigel("run", "job", "deploy", "--timeout", "30s", check=False)
-    assert done.returncode != 0
-    assert "PodSecurity" in done.stdout + done.stderr
-    assert robot.pods("ros-master") == []
-
-
-@pytest.mark.slow  # pods of all network modes: tests/unit/app/test_security.py
-@pytest.mark.parametrize("network", ["peers", "discovery-server"])
-def test_ros2_works(
-    network: str,
-    tmp_path: Path,
-    restricted: str,
-    ros2_image: str,
-    exporter_image: str,
-    rigel_as_deployer: Any,
-    cluster: Any,
-) -> None:
-    """Nodes, the exporter and the discovery server run without root, and messages arrive."""
-    robot = Robot(tmp_path, restricted, ros2_image, rigel_as_deployer, cluster)
-    nodes = {"talker": python(TALKER2), "listener": stored(python(LISTENER2))}
-    robot.write(
-        nodes,
-        security="restricted",
-        network=network,
-        persistent_storage=STORAGE,
-        observability=exported(exporter_image),
-    )
-    text = robot.file.read_text().replace('"noetic"', '"jazzy"')
-    robot.file.write_text(text.replace(f'"ros_master_image": "{ros2_image}", ', ""))
-    robot.deploy()
-    until_heard(robot, "v1")
-    until_measured(robot, "/chatter")
-    assert robot.run("listener", "sh", "-c", "id -u; touch /maps/file") == "1000\n"
-
-
 def test_ros2_hears_an_unrestricted_driver_of_another_namespace(
     tmp_path: Path, restricted: str, ros2_image: str, rigel: Any, cluster: Any
 ) -> None:

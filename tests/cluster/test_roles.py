@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import socket
 import sys
 from collections.abc import Callable
@@ -11,19 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
-from rigel_k8s.objects.refs import ObjectRef, ref_of
 from tests.support.until import until
 
 from .background import Background
-from .rights import DEPLOYER, grant_role, write_impersonation
+from .rights import grant_role, write_impersonation
 from .robot import Robot
 
 pytestmark = pytest.mark.cluster
 
-RIGHTS = Path(__file__).parents[2] / "docs" / "rights.md"
-API = "rbac.authorization.k8s.io"
 VIEWER = "rigel-test-viewer"
 TALKER = (
     "import os, rospy, std_msgs.msg as m; rospy.init_node('talker');"
@@ -83,49 +78,6 @@ def test_a_deployer_does_it_all_and_a_viewer_looks(
     robot.rigel("down", "--volumes", "-y")
     assert robot.deployments() == set()
     assert robot.cluster.list("v1", "PersistentVolumeClaim", robot.namespace) == []
-
-
-def test_a_deployer_needs_the_documented_role_for_a_directory_of_a_machine(
-    robot: Robot, admin: Any
-) -> None:
-    """docs/rights.md has it; before that the hint does not name the Role that is there already."""
-    name = f"bags-{robot.namespace}"
-    robot.write(
-        {
-            "recorder": {
-                "args": ["sh", "-c", "trap exit TERM; sleep 3600 & wait"],
-                "readiness": "none",
-                "volumes": [name],
-            }
-        },
-        deploy_ros_master=False,
-        persistent_storage={
-            "volumes": [{"name": name, "size": "1Mi", "host_path": "/tmp/rigel-k8s-test"}]
-        },
-    )
-    refused = robot.rigel("run", "job", "deploy", check=False)
-    assert "persistentvolumes (in the whole cluster): create, list, patch" in refused.stderr
-    assert "ask an administrator for a ClusterRole" in refused.stderr
-    assert "rigel rbac" not in refused.stderr
-    (text,) = re.findall(r"^```yaml\n(.*?)^```$", RIGHTS.read_text(), re.M | re.S)
-    role = {**yaml.safe_load(text), "metadata": {"name": name}}
-    binding = {
-        "apiVersion": role["apiVersion"],
-        "kind": "ClusterRoleBinding",
-        "metadata": {"name": name},
-        "roleRef": {"apiGroup": API, "kind": "ClusterRole", "name": name},
-        "subjects": [{"apiGroup": API, "kind": "User", "name": DEPLOYER}],
-    }
-    try:
-        admin.create(role)
-        admin.create(binding)
-        until(lambda: robot.rigel("diff", check=False).returncode == 0, "the right")
-        robot.deploy()
-        robot.rigel("down", "--volumes", "-y")
-        assert admin.get(ObjectRef("v1", "PersistentVolume", "", f"{name}-pv")) is None
-    finally:
-        for made in (role, binding):
-            admin.delete(ref_of(made))
 
 
 def look_as_deployer(robot: Robot) -> None:

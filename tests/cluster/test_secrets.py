@@ -18,6 +18,7 @@ import attrs
 import pytest
 import yaml
 
+from rigel_k8s.objects.refs import ObjectRef
 from tests.support.planted import ENOUGH, find, find_left, tracing
 
 from .rights import grant_role, write_impersonation, write_kubeconfig
@@ -242,6 +243,8 @@ def test_planted_secrets_are_nowhere_but_where_they_belong(cluster: Any, planted
         elif live["metadata"]["name"] not in belong:
             assert find(secrets, text) == [], live["metadata"]["name"]
     undo(planted)
+    left = ObjectRef("v1", "Secret", planted.namespace, f"{RELEASE}-registry")
+    assert cluster.get(left) is None
 
 
 def run_all(planted: Planted) -> dict[str, str]:

@@ -12,7 +12,6 @@ TALKER = """
 import sys, time, rospy, std_msgs.msg
 time.sleep(float(sys.argv[2]))
 rospy.init_node("talker")
-rospy.on_shutdown(lambda: time.sleep(float((sys.argv[4:] or ["0"])[0])))
 publisher = rospy.Publisher("chatter", std_msgs.msg.String, queue_size=10)
 rate, number = rospy.Rate(int((sys.argv[3:] or ["20"])[0])), 0
 while not rospy.is_shutdown():
@@ -40,14 +39,13 @@ def hands_over(pods, workload):
     return {"RIGEL_K8S_WORKLOAD": workload, "ROS_MASTER_URI": uri}
 
 
-def talker(pods, version, *, late=0.0, rate=20, lingers=0.0):
+def talker(pods, version, *, late=0.0, rate=20):
     """Start a talker's pod of a release of ours; it is not ready yet.
 
     Args:
         late: seconds before it opens ROS.
-        lingers: seconds that its shutdown takes. It goes on to publish meanwhile.
     """
-    command = ("python3", "-c", TALKER, version, str(late), str(rate), str(lingers))
+    command = ("python3", "-c", TALKER, version, str(late), str(rate))
     return pods.start(f"talker-{version}", *command, env=hands_over(pods, "talker"))
 
 

@@ -57,11 +57,6 @@ PLUGINS = """<library path="libecho">
   <class name="echo/Echo" type="echo::Echo" base_class_type="nodelet::Nodelet"/>
 </library>
 """
-MANAGER_AND_LOADER = """<launch>
-  <node pkg="nodelet" type="nodelet" name="manager" args="manager"/>
-  <node pkg="nodelet" type="nodelet" name="echo" args="load echo/Echo manager"/>
-</launch>
-"""
 
 
 def make_package(room: Path) -> dict[str, str | bytes]:

@@ -96,21 +96,3 @@ def test_a_master_that_lost_the_global_parameters_gets_them_again(pods, eventual
     new = pods.answering(pods.start("ros-master", "rosmaster", "--core", address=old.address))
     eventually(lambda: is_ready(pod), "the parameters are set again")
     assert parameters(new, "/speed") == 1
-
-
-def test_what_fails_ends_the_container_with_its_reason(pods):
-    """In one line, which is the last of the log."""
-    pods.rosmaster()
-    bad = {
-        f"{NAV}/package.xml": PACKAGE[f"{NAV}/package.xml"],
-        "/a.yaml": "a: [\n",
-    }
-    for words, expected in (
-        (("--substitute", "--", "$(find sensors)/run"), "this image has no package sensors"),
-        (("--load", "/a.yaml", "/n", "--", "true"), "the parameter file /a.yaml cannot be read"),
-        (("--load", "/b.yaml", "/n", "--", "true"), "there is no parameter file /b.yaml"),
-        (("--run", "/n/a", "sh -c 'echo why >&2; exit 3'", "--", "true"), "exit code 3: why"),
-    ):
-        pod = pods.start("bad", *START, *words, files=bad, env=ENV)
-        assert pod.process.wait(240) == 1
-        assert expected in pod.log().splitlines()[-1]

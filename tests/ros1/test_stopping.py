@@ -60,19 +60,6 @@ time.sleep(1)
 </launch>
 """,
 }
-#: A node that takes a second to end and then asks whether the master is still there.
-SLOW = """#!/usr/bin/env python
-import time
-import rospy
-import rosgraph
-def end():
-    time.sleep(1)
-    pid = rosgraph.Master("/slow").getPid()
-    print("unregistering, master answers %d" % bool(pid), flush=True)
-rospy.init_node("slow")
-rospy.on_shutdown(end)
-rospy.spin()
-"""
 #: Says when it has seen /node at the master, and then how long after a line of input it was gone.
 WATCH = f"""
 import sys, time
@@ -180,33 +167,6 @@ def test_launched_once(pods, eventually):
     eventually(lambda: "counting" in pod.log(), "the node runs")
     pod.terminate(grace=20)
     assert pod.log().count("got SIGINT") == 1
-
-
-def test_own_roscore(pods, eventually):
-    """An image that starts roscore itself: roscore outlives the node, which can unregister."""
-    pods.master_uri = "http://10.123.0.2:11311"
-    files = {**FILES, "/slow.py": SLOW}
-    pod = pods.node("all", "bash", "-c", "roscore & sleep 2; exec /slow.py", files=files)
-    assert pod.probe().stdout == "ready: /slow\n", "roscore's own /rosout makes nothing ready"
-    assert pod.terminate(grace=20) < 20, "the container had to be killed"
-    assert "unregistering, master answers 1" in pod.log()
-
-
-def test_hangs(pods):
-    """A process that ends neither on SIGINT nor on SIGTERM costs the bound and no more."""
-    waiting = "trap : TERM; (trap '' INT TERM; sleep 900; sleep 900) & while true; do wait; done"
-    pod = pods.start("hangs", "bash", "-c", waiting)
-    # Its rounds take longer on a busy machine; with the default bound it would take 8 s at least.
-    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "1", timeout=8)
-    assert done.returncode == 0
-
-
-def test_only_sigterm(pods, eventually):
-    """A process that ignores SIGINT, as a shell's background job does, gets SIGTERM."""
-    pod = pods.start("deaf", "sh", "-c", "(trap '' INT; exec sleep 1000); exec sleep 500")
-    eventually(lambda: pod.pids("sleep 1000"), "the process runs")
-    pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2")
-    eventually(lambda: pod.pids("sleep 500"), "the shell goes on")
 
 
 def test_master(pods, eventually):

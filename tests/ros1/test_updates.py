@@ -1,17 +1,15 @@
-"""What an update is for actions, nodelets, and subscribers: the gate in front of a real roscore."""
+"""What an update is for actions and subscribers: the gate in front of a real roscore."""
 
 from __future__ import annotations
 
 import re
 import sys
-import time
 
 import pytest
 
 from tests.support.until import until
 
-from .gated import LISTENER, hands_over, heard, listener, ready, talker
-from .nodelets import MANAGER_AND_LOADER
+from .gated import LISTENER, hands_over, heard, ready, talker
 
 pytestmark = pytest.mark.cluster
 
@@ -57,8 +55,6 @@ while not rospy.is_shutdown():
     ask(0, 5)
     rospy.sleep(0.2)
 """
-#: Seconds after which the two would give each other up, had they not found each other.
-BOND_PATIENCE = 10
 
 
 def test_a_goal_ends_with_its_action_server_and_the_next_one_succeeds(pods):
@@ -96,50 +92,6 @@ def test_an_action_server_may_abort_its_goal_when_it_ends(pods):
     )
     sys.stdout.write(f"the goal's end: {ends[0]}\n")
     assert ends[0] in ("ABORTED", "LOST")
-
-
-@pytest.mark.slow  # the nodelet is compiled in an image of its own, which takes minutes to build
-@pytest.mark.parametrize("seconds", [0, BOND_PATIENCE + 2])
-def test_a_nodelet_is_updated_with_its_manager(pods, nodelet, seconds):
-    """The new pod's loader loads it into the new pod's manager, however long both have waited."""
-    gate, _ = pods.gated()
-    ready(talker(pods, "v1"))
-    files = {**nodelet, "/nodelets.launch": MANAGER_AND_LOADER}
-    more = {"env": hands_over(pods, "echo"), "files": files}
-    command = ("roslaunch", "--wait", "/nodelets.launch")
-    ready(old := pods.start("echo-1", *command, **more))
-    ears = listener(pods, topic="/echoed")
-    until(lambda: heard(ears), "messages of the nodelet", last_words=old.log)
-    new = pods.start("echo-2", *command, **more)
-    until(lambda: ready(new).count("waits") == 2, "both to wait")
-    time.sleep(seconds)
-    assert ready(new).count("waits") == 2
-    old.terminate()
-    count = len(heard(ears))
-    until(lambda: len(heard(ears)) > count + 40, "messages of the new nodelet", last_words=new.log)
-    numbers = [number for _, _, number in heard(ears)]
-    assert numbers == sorted(set(numbers)), "none twice, none of the old one after the new one"
-    assert ready(new) == "ready: /echo, /manager\n"
-    asked = gate.exec("/bin/sh", "/rigel-k8s/exec.sh", "rosservice", "call", "/manager/list")
-    assert "- /echo" in asked.stdout
-
-
-@pytest.mark.slow  # as above
-def test_a_nodelet_with_a_manager_of_its_own_is_updated(pods, nodelet):
-    """`standalone` is one process, like any node."""
-    pods.gated()
-    ready(talker(pods, "v1"))
-    more = {"env": hands_over(pods, "echo"), "files": nodelet}
-    command = ("rosrun", "nodelet", "nodelet", "standalone", "echo/Echo", "__name:=echo")
-    ready(old := pods.start("echo-1", *command, **more))
-    ears = listener(pods, topic="/echoed")
-    until(lambda: heard(ears), "messages of the nodelet", last_words=old.log)
-    ready(new := pods.start("echo-2", *command, **more))
-    old.terminate()
-    count = len(heard(ears))
-    until(lambda: len(heard(ears)) > count + 20, "messages of the new nodelet", last_words=new.log)
-    numbers = [number for _, _, number in heard(ears)]
-    assert numbers == sorted(set(numbers))
 
 
 @pytest.mark.parametrize("rate", [20, 100])

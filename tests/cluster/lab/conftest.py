@@ -51,20 +51,7 @@ class Host:
         self.directory = directory
         self.kubeconfig = directory / "kubeconfig"
         self.kubeconfig.write_text(KUBECONFIG)
-        self.environment = {
-            **os.environ,
-            "KUBECONFIG": str(self.kubeconfig),
-            "CONTAINERS_STORAGE_CONF": str(directory / "storage.conf"),
-            "CONTAINERS_CONF": str(directory / "containers.conf"),
-        }
-        (directory / "storage.conf").write_text(
-            f'[storage]\ndriver = "vfs"\ngraphroot = "{directory}/podman/graph"\n'
-            f'runroot = "{directory}/podman/run"\n'
-        )
-        (directory / "containers.conf").write_text(
-            f'[engine]\nstatic_dir = "{directory}/podman/libpod"\n'
-            f'tmp_dir = "{directory}/podman/tmp"\n'
-        )
+        self.environment = {**os.environ, "KUBECONFIG": str(self.kubeconfig)}
         self.holder = self._start()
 
     def _start(self) -> subprocess.Popen[bytes]:

@@ -8,14 +8,12 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
-import yaml
 
 from rigel_lab.cluster import paths
 from rigel_lab.cluster.components import KUBERNETES_VERSION
@@ -60,38 +58,6 @@ def test_ranges_in_use_are_left_alone(host: Any, one: str) -> None:
     )
 
 
-def test_up_again_changes_nothing(host: Any, one: str) -> None:
-    """A second up finds everything and starts nothing."""
-    before = components_of(host)
-    assert "is already running" in host.rigel("up", "--name", one)
-    assert before == components_of(host)
-    assert len(before) == 5 + 2 * 3
-
-
-def components_of(host: Any) -> dict[str, str]:
-    """Return the processes of components; others come and go, as those that CNI starts.
-
-    So do copies of a component that are about to become another program.
-    """
-    lines = host.run("ps", "-e", "-ww", "-o", "pid=,ppid=,args=").splitlines()
-    rows = [line.split(maxsplit=2) for line in lines]
-    found = {
-        pid: (parent, text)
-        for pid, parent, text in rows
-        if any(f"/{program} " in text for program in PROGRAMS)
-    }
-    return {
-        pid: text for pid, (parent, text) in found.items() if found.get(parent, ("", ""))[1] != text
-    }
-
-
-def test_another_number_of_nodes_is_refused(host: Any, one: str) -> None:
-    """A running cluster keeps its nodes; that is told, with the way out."""
-    told = host.rigel("up", "--name", one, "--nodes", "3", check=False)
-    assert "cluster t-one has 2 nodes, not 3" in told
-    assert "rigel cluster down --name t-one" in told
-
-
 def test_kubernetes_is_unmodified_upstream(host: Any, one: str) -> None:
     """Server and nodes are the released version, a clean tree."""
     released = f"v{KUBERNETES_VERSION}"
@@ -131,24 +97,6 @@ def test_pods_reach_what_is_outside(host: Any, one: str, registry: str) -> None:
     assert host.wait_for_success(one, "out") == "hello from outside\n"
 
 
-def test_a_claim_keeps_its_data(host: Any, one: str, registry: str) -> None:
-    """A claim without a class binds, and a second pod reads what the first one wrote."""
-    spec = {"accessModes": ["ReadWriteOnce"], "resources": {"requests": {"storage": "1Mi"}}}
-    claim = {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "metadata": {"name": "data"}}
-    host.kubectl(one, "apply", "-f", "-", text=json.dumps({**claim, "spec": spec}))
-    volumes = {
-        "volumes": [{"name": "v", "persistentVolumeClaim": {"claimName": "data"}}],
-        "container": {"volumeMounts": [{"name": "v", "mountPath": "/data"}]},
-        "restartPolicy": "OnFailure",
-    }
-    image = f"{registry}/rigel-k8s/busybox:1"
-    for name, script in (("write", "echo kept >/data/file"), ("read", "cat /data/file")):
-        host.kubectl(one, "apply", "-f", "-", text=host.pod(name, image, script, **volumes))
-        told = host.wait_for_success(one, name)
-        host.kubectl(one, "delete", "pod", name)
-    assert told == "kept\n"
-
-
 def test_a_loaded_archive_runs_on_every_node(host: Any, one: str) -> None:
     """After `load` of an archive, pods on all nodes run the image, which no registry has."""
     host.rigel("load", "--name", one, str(host.archive("docker.io/library/loaded:7")))
@@ -158,70 +106,10 @@ def test_a_loaded_archive_runs_on_every_node(host: Any, one: str) -> None:
         assert host.wait_for_success(one, f"l-{node}") == "runs\n"
 
 
-@pytest.mark.skipif(not shutil.which("podman"), reason="needs podman")
-def test_an_image_of_podman_runs(host: Any, one: str) -> None:
-    """After `load` of an image by its name in podman, a pod runs it."""
-    host.run("podman", "import", "-q", str(host.layer()), "localhost/mine:3")
-    host.rigel("load", "--name", one, "localhost/mine:3")
-    text = host.pod("mine", "localhost/mine:3", "echo runs", restartPolicy="Never")
-    host.kubectl(one, "apply", "-f", "-", text=text)
-    assert host.wait_for_success(one, "mine") == "runs\n"
-
-
-def test_load_says_which_image_nobody_has(host: Any, one: str) -> None:
-    """Neither a file nor an image: both are told, exit code 2."""
-    told = host.rigel("load", "--name", one, "nobody/has:this", check=False)
-    assert "no file" in told
-    assert "nobody/has:this" in told
-
-
-def test_a_pushed_image_has_its_upstream_name(host: Any, one: str, registry: str) -> None:
-    """What is pushed as REGISTRY/library/NAME is what pods call NAME; so with other registries."""
-    push = (
-        "import attrs, sys\n"
-        "from rigel_lab.cluster import addons, components, oci\n"
-        "shell = addons.images(components.obtain(print))[3]\n"
-        "for name in sys.argv[2:]: oci.push(attrs.evolve(shell, name=name), sys.argv[1])\n"
-    )
-    host.run(sys.executable, "-c", push, registry, "library/pushed:1", "team/robot:2")
-    for name, image in (("hub", "pushed:1"), ("quay", "quay.io/team/robot:2")):
-        text = host.pod(name, image, "echo runs", restartPolicy="Never")
-        host.kubectl(one, "apply", "-f", "-", text=text)
-        assert host.wait_for_success(one, name) == "runs\n"
-
-
-def test_the_registry_is_told_to_tools(host: Any, one: str, registry: str) -> None:
-    """kube-public/local-registry-hosting names the registry."""
-    words = ["-n", "kube-public", "get", "configmap", "local-registry-hosting", "-o", "json"]
-    data = json.loads(host.kubectl(one, *words))["data"]
-    assert json.loads(data["localRegistryHosting.v1"])["host"] == registry
-
-
-def test_the_kubeconfig_gains_a_context(host: Any, one: str) -> None:
-    """The context is there and current; kubectl still reads all that was there before."""
-    shown = json.loads(host.kubectl(one, "config", "view", "-o", "json"))
-    assert {c["name"] for c in shown["contexts"]} == {"robots", "rigel-t-one"}
-    assert "1e3" in {u["name"] for u in shown["users"]}
-    assert host.run("stat", "-c", "%a", str(host.kubeconfig)).strip() == "644"
-    alone = yaml.safe_load(host.rigel("kubeconfig", "--name", one))
-    assert alone["current-context"] == "rigel-t-one"
-
-
 def test_nothing_of_others_is_held(host: Any, one: str) -> None:
     """What somebody had mounted before the cluster, and unmounted since, no node holds."""
     held = "cat /proc/[0-9]*/mountinfo 2>/dev/null | grep -c somebody || true"
     assert host.run("sh", "-c", held).strip() == "0"
-
-
-def test_metrics_of_pods_are_counted(host: Any, one: str) -> None:
-    """The kubelets know each pod's memory, as the cgroups are the nodes' own."""
-    path = "/api/v1/nodes/node1/proxy/stats/summary"
-
-    def is_counted() -> bool:
-        stats = json.loads(host.kubectl(one, "get", "--raw", path))
-        return any(p.get("memory", {}).get("workingSetBytes") for p in stats["pods"])
-
-    host.until(is_counted, "memory of a pod")
 
 
 def kill(host: Any, words: Sequence[str]) -> None:
@@ -335,19 +223,6 @@ def interrupt_up(host: Any, step: str) -> None:
         assert process.stderr is not None
         assert any(step in line for line in process.stderr)
         host.run("pkill", "-KILL", "-f", "rigel_k8s cluster up")
-
-
-@pytest.mark.slow  # six clusters; the order of steps is tested without one
-def test_up_completes_what_an_interruption_left(host: Any, before: dict[str, list[str]]) -> None:
-    """Whenever it was killed; the second command is the same, and DNS and storage are ready."""
-    steps = ["Starting control-plane", "Filling the registry", "Starting node1", "Starting node2"]
-    for step in (*steps, "Installing DNS", "Waiting for DNS"):
-        interrupt_up(host, step)
-        host.rigel("up", "--name", "t-gone")
-        assert host.status("t-gone")["problems"] == []
-        assert len(host.status("t-gone")["nodes"]) == 2
-        host.rigel("down", "--name", "t-gone")
-    assert host.changes(before) == {}
 
 
 def restart(host: Any) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -44,7 +43,7 @@ class Lab:
     cluster: Any
     namespace: str
 
-    def attachment(self, subnet: str, **ipam: Any) -> None:
+    def attachment(self, subnet: str) -> None:
         """Make the attachment: macvlan on eth0, addresses from whereabouts."""
         config = {
             "cniVersion": "0.3.1",
@@ -52,7 +51,7 @@ class Lab:
             "type": "macvlan",
             "master": "eth0",
             "mode": "bridge",
-            "ipam": {"type": "whereabouts", "range": subnet, **ipam},
+            "ipam": {"type": "whereabouts", "range": subnet},
         }
         self.cluster.create(
             {
@@ -235,11 +234,6 @@ def own_lab(own: Own) -> Iterator[Lab]:
     wait_for_account(own.cluster, name)
     yield Lab(own.cluster, name)
     own.cluster.delete(ObjectRef("v1", "Namespace", "", name))
-
-
-def run(*words: str) -> None:
-    """Run a program that must succeed."""
-    subprocess.run(words, check=True)
 
 
 @pytest.fixture

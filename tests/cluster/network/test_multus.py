@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.install import install
-from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
 from tests.support.until import until
 
-# By what all processes share: its `network status` fails while a pod of these tests is deaf.
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
+
+#: How often how many pods come and go.
+WAVES, SIZE = 2, 9
 
 
 def test_a_pod_on_every_node_gets_its_interface(lab: Any) -> None:
@@ -32,44 +30,6 @@ def test_a_pod_on_every_node_gets_its_interface(lab: Any) -> None:
     last = pods[-1]["metadata"]["name"]
     for address in addresses[:-1]:
         assert " 0% packet loss" in lab.inside(last, "ping", "-c3", "-W5", address)
-
-
-def test_installing_again_writes_nothing(cluster: Any, said: Any) -> None:
-    """Where all is as it shall be and every node has shown it, no object changes."""
-    kinds = (("apps/v1", "DaemonSet"), ("v1", "ConfigMap"), ("v1", "Secret"))
-
-    def written() -> dict[str, Any]:
-        found = [live for kind in kinds for live in cluster.list(*kind, RELEASE.namespace)]
-        return {f"{o['kind']} {o['metadata']['name']}": without_status(o) for o in found}
-
-    before = written()
-    done = install(cluster, Install(), DeployOptions(report=said))
-    assert written() == before
-    assert done.ours
-    assert said.entries == []
-
-
-def without_status(live: dict[str, Any]) -> dict[str, Any]:
-    """Return an object without what changes when Kubernetes writes its status."""
-    meta = {key: value for key, value in live["metadata"].items() if key != "resourceVersion"}
-    owners = meta.pop("managedFields", [])
-    meta["writers"] = [owner for owner in owners if owner.get("subresource") != "status"]
-    return {**live, "metadata": meta, "status": None}
-
-
-def test_a_deployer_deploys_what_requests_an_installation(
-    rigel_as_deployer: Any, namespace: str, tmp_path: Path, base_image: str
-) -> None:
-    """The administrator has installed it: the same Rigelfile serves both."""
-    file = tmp_path / "Rigelfile"
-    nodes = {"sleeper": {"args": ["sleep", "600"], "readiness": "none"}}
-    network = {"mode": "macvlan", "interface": "eth0", "subnet": "10.213.9.0/24", "install": True}
-    options = {"image": base_image, "ros": "none", "nodes": nodes, "network": network}
-    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
-    file.write_text(json.dumps({"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}))
-    done = rigel_as_deployer("-f", str(file), "-n", namespace, "run", "job", "deploy")
-    assert "Multus stays as it is; let an administrator run `rigel network install`" in done.stderr
-    assert "is at revision 1" in done.stderr
 
 
 def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
@@ -97,8 +57,7 @@ def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
     until(lambda: not left(), "end of what a proof needs", 120, last_words=left)
 
 
-@pytest.mark.parametrize(("waves", "size"), [(2, 9), pytest.param(3, 100, marks=pytest.mark.slow)])
-def test_whereabouts_gives_no_address_twice(lab: Any, waves: int, size: int) -> None:
+def test_whereabouts_gives_no_address_twice(lab: Any) -> None:
     """Many pods come and go over all nodes: at no time do two have one address.
 
     What is looked at is each pod's interface, not what anybody has written down. Each wave starts
@@ -106,8 +65,8 @@ def test_whereabouts_gives_no_address_twice(lab: Any, waves: int, size: int) -> 
     """
     lab.attachment("10.213.0.0/16")
     held: set[str] = set()
-    for wave in range(waves):
-        names = [f"w{wave}-{number}" for number in range(size)]
+    for wave in range(WAVES):
+        names = [f"w{wave}-{number}" for number in range(SIZE)]
         lab.cluster.parallel(lab.cluster.create, [lab.pod(name) for name in names])
         pods = lab.cluster.parallel(lab.running, names)
         told = {pod["metadata"]["name"]: lab.address_of(pod) for pod in pods}
@@ -119,7 +78,7 @@ def test_whereabouts_gives_no_address_twice(lab: Any, waves: int, size: int) -> 
             ref = ObjectRef("v1", "Pod", lab.namespace, name)
             lab.cluster.delete(ref, grace_seconds=0)
     lab.until(lambda: not lab.pods(), "end of all pods", 300)
-    assert len(held) >= size
+    assert len(held) >= SIZE
     lab.until(lambda: not allocated(lab.cluster, "10.213.0.0-16"), "addresses given back", 300)
 
 
@@ -133,25 +92,3 @@ def allocated(cluster: Any, pool: str) -> dict[str, Any]:
     """Return the addresses of a pool that are given out."""
     ref = ObjectRef("whereabouts.cni.cncf.io/v1alpha1", "IPPool", RELEASE.namespace, pool)
     return dict((cluster.get(ref) or {}).get("spec", {}).get("allocations", {}))
-
-
-def test_a_pod_without_its_network_is_named(lab: Any, rigel: Callable[..., Any]) -> None:
-    """What Multus has not attached is told by `network status`, with the way out.
-
-    Its annotation is what a pod has that started while Multus' configuration was away.
-    """
-    lab.attachment("10.213.2.0/24")
-    lab.start("deaf", attached=False)
-    asks = {"metadata": {"annotations": {"k8s.v1.cni.cncf.io/networks": "lan"}}}
-    lab.cluster.patch(ObjectRef("v1", "Pod", lab.namespace, "deaf"), asks)
-    lab.start("hears")
-    assert [m.pod for m in find_without_interface(lab.pods())] == ["deaf"]
-    done = rigel("network", "status", check=False)
-    assert done.returncode == 1
-    assert f"pod {lab.namespace}/deaf on node" in done.stdout
-    assert f"kubectl -n {lab.namespace} delete pod deaf" in done.stdout
-    assert "hears" not in done.stdout
-    found = json.loads(rigel("network", "status", "-o", "json", check=False).stdout)
-    mine = [m for m in found["missing"] if m["namespace"] == lab.namespace]
-    assert [(m["pod"], m["networks"]) for m in mine] == [("deaf", [f"{lab.namespace}/lan"])]
-    assert not found["ok"]

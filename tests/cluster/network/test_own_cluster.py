@@ -9,8 +9,6 @@ import itertools
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -36,9 +34,6 @@ pytestmark = pytest.mark.cluster
 
 #: The same image by another name, which the local cluster's registry serves as well.
 MULTUS = "k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
-SLEEP = ["/bin/sh", "-c", "trap exit TERM; sleep 3600 & wait"]
-#: Their Multus, and any pod's image: it is there.
-IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
 CRD = "apiextensions.k8s.io/v1", "CustomResourceDefinition"
 
 
@@ -189,25 +184,6 @@ def upgrade(own: Any, release: str) -> None:
             shutil.rmtree(old)
 
 
-@pytest.mark.slow
-def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -> None:
-    """Where the programs are in the release's own directory, an upgrade leaves it: they follow."""
-    if not own.data_dir:
-        pytest.skip("of k3s only")
-    install(own.cluster, Install(), DeployOptions(report=said))
-    older = Install(cni_bin_dir="/data/data/current/bin")
-    install(own.cluster, older, DeployOptions(report=said))
-    upgrade(own, f"v{components.KUBERNETES_VERSION}+k3s4")
-    current = Path((own.directory / "node1/k3s/data/current").readlink()).name
-    programs = own.directory / "node1/k3s/data" / current / "bin"
-    for name in ("macvlan", "whereabouts", "multus-shim"):
-        own_lab.until((programs / name).exists, name)
-    own_lab.attachment("10.213.13.0/24")
-    own_lab.start("older", node="node1")
-    assert own_lab.has_interface("older")
-    install(own.cluster, Install(cni_bin_dir="/data/data/cni"), DeployOptions(report=said))
-
-
 def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: Any) -> None:
     """A node that is off is named and left out, also of an update; it has it when it is back."""
     own.stop("node2")
@@ -230,27 +206,6 @@ def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: 
     # What another Rigelfile has said of images stays.
     images = {c["image"] for c in daemon(own, "node2")["spec"]["containers"]}
     assert images == {f"docker.io/{MULTUS}"}
-
-
-def rigel(*words: str) -> None:
-    """Run the command line as a user does."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rigel_k8s", *words], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_removal_is_refused_while_pods_are_attached(own: Any, own_lab: Any, said: Any) -> None:
-    """Pods with a second network are told first, and nothing is changed."""
-    own_lab.attachment("10.213.14.0/24")
-    own_lab.start("attached", node="node2")
-    before = daemon(own, "node1")["metadata"]["uid"]
-    with pytest.raises(UserError) as error:
-        remove(own.cluster, Install(), DeployOptions(report=said))
-    assert f"pod {own_lab.namespace}/attached has a second network" in error.value.details
-    assert "--force" in str(error.value.hint)
-    assert daemon(own, "node1")["metadata"]["uid"] == before
-    own_lab.end("attached")
 
 
 def test_removal_leaves_nodes_that_start_pods(
@@ -285,42 +240,6 @@ def test_removal_leaves_nodes_that_start_pods(
 def new(own: Any, node: str, before: dict[str, list[str]]) -> list[str]:
     """Return what CNI has more on a node than before, k3s' own releases left aside."""
     return [path for path in files(own, node) if path not in before[node]]
-
-
-def test_others_multus_is_used_as_it_is(own: Any, own_lab: Any, said: Any) -> None:
-    """Multus that somebody else has installed is never taken over, and where it does not work
-    that is told, node by node."""
-    theirs = others(own_lab.namespace)
-    own.cluster.create(theirs)
-    done = install(own.cluster, Install(), DeployOptions(report=said))
-    assert not done.ours
-    assert f"Multus is already installed ({own_lab.namespace}/kube-multus-ds" in said.lines[0]
-    names = [s["metadata"]["name"] for s in own.cluster.list("apps/v1", "DaemonSet")]
-    assert sorted(names) == ["kube-multus-ds", "rigel-whereabouts"]
-    assert [w for w in said.warnings if "came up without its second network" in w] != []
-    with pytest.raises(UserError, match="was not installed by rigel"):
-        remove(own.cluster, Install(), DeployOptions(report=said))
-    own.cluster.delete(ObjectRef("apps/v1", "DaemonSet", own_lab.namespace, "kube-multus-ds"))
-
-
-def others(namespace: str) -> dict[str, Any]:
-    """Return a Multus that runs on no node."""
-    container = {"name": "kube-multus", "image": IMAGE}
-    pod = {
-        "containers": [container],
-        "nodeSelector": {"nowhere": "true"},
-        "volumes": [{"name": "cni", "hostPath": {"path": "/etc/cni/net.d"}}],
-    }
-    labels = {"app": "multus"}
-    return {
-        "apiVersion": "apps/v1",
-        "kind": "DaemonSet",
-        "metadata": {"name": "kube-multus-ds", "namespace": namespace},
-        "spec": {
-            "selector": {"matchLabels": labels},
-            "template": {"metadata": {"labels": labels}, "spec": pod},
-        },
-    }
 
 
 def test_it_can_be_installed_again(own: Any, own_lab: Any, said: Any) -> None:

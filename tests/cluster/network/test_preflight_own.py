@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.network.preflight.examine import examine
 from rigel_k8s.release.types import DeployOptions
-from tests.support.preflight import check
 
 pytestmark = pytest.mark.cluster
 
@@ -69,20 +67,6 @@ def hidden(own: Any) -> Iterator[Any]:
     for aside, path in moved:
         aside.rename(path)
     own.signal_keepers("node2", signal.SIGCONT)
-
-
-def test_no_multus(own: Any, said: Any) -> None:
-    """A cluster without Multus: one finding with its remedy, exit code 1, nothing is written."""
-    with pytest.raises(ClusterError) as raised:
-        check(objects("default"), NETWORK, own.cluster, said)
-    assert raised.value.exit_code == 1
-    assert raised.value.message == (
-        "Multus is not installed: the cluster has no kind NetworkAttachmentDefinition"
-        " [multus-missing]"
-    )
-    assert raised.value.hint == (
-        "run `rigel network install`, or set `network: {install: true}` in the Rigelfile"
-    )
 
 
 def test_its_remedy_helps(own: Any, said: Any) -> None:

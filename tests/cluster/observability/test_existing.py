@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.manifests.desired import stack_release
@@ -23,7 +23,7 @@ from rigel_lab.cluster.extras import IMAGES
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy
 
-from ..conftest import run_rigel, wait_for_account
+from ..conftest import wait_for_account
 from .conftest import Stack, until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("more_images")]
@@ -101,22 +101,6 @@ def ours(namespace: str) -> Desired:
     return stack_release(Parts(options, namespace, texts), {})
 
 
-def test_without_an_operator_the_way_out_is_told(
-    cluster: Any, context: str, tmp_path: Path, watching: Stack
-) -> None:
-    """Instead of Kubernetes' word about a kind that it does not know; nothing is written."""
-    if cluster.serves("monitoring.coreos.com/v1", "PodMonitor"):
-        pytest.skip("an operator is there; tests/unit/observability/test_install.py has the same")
-    file = tmp_path / "Rigelfile"
-    text = "{existing: {prometheus: true}, grafana: {enabled: false}}"
-    job = f"{{plugin: observability, with: {text}}}"
-    file.write_text(f"application: {{distro: noetic}}\njobs: {{stack: {job}}}\n")
-    done = run_rigel("--context", context, "-f", str(file), "run", "job", "stack", check=False)
-    assert done.returncode == 2
-    assert "prometheus-operator is not installed" in done.stderr
-    assert watching.metrics("up")
-
-
 @pytest.fixture(scope="module")
 def operated(cluster: Any, prometheus_operator: None) -> Iterator[str]:
     """A namespace with a Prometheus of the operator's, our monitors and a pod to be scraped."""
@@ -172,30 +156,3 @@ def test_their_prometheus_has_our_rules(cluster: Any, operated: str) -> None:
 
     assert wanted
     until(healthy, "our rules are evaluated")
-
-
-def test_their_grafana_would_find_our_dashboards(cluster: Any, operated: str) -> None:
-    """By the label that its sidecar looks for."""
-    found = cluster.list("v1", "ConfigMap", operated, labels={"grafana_dashboard": "1"})
-    shown = {key for one in found for key in one["data"]}
-    assert shown == set(boards.dashboards())
-
-
-def test_the_operator_runs_a_prometheus(
-    cluster: Any, namespace: str, prometheus_operator: None
-) -> None:
-    """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
-    spec = {"image": IMAGES["prometheus"], "version": IMAGES["prometheus"].rpartition(":")[2]}
-    meta = {"name": "own", "namespace": namespace}
-    kind = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus"}
-    cluster.create({**kind, "metadata": meta, "spec": spec})
-    pod = ObjectRef("v1", "Pod", namespace, "prometheus-own-0")
-
-    def answer() -> bool:
-        try:
-            told = cluster.get_through_proxy(pod, "-/ready", port=9090).decode()
-        except ClusterError:
-            return False
-        return "Prometheus Server is Ready" in told
-
-    until(answer, "the operator's Prometheus")

@@ -98,11 +98,6 @@ class Theirs:
         place = ("--context", self.context, "-f", str(self.file), "-n", self.namespace)
         return run_rigel(*place, *words)
 
-    def logs(self, *words: str) -> list[dict[str, Any]]:
-        """Return what `rigel logs --since 1h` tells of the talker."""
-        done = self.rigel("logs", "--since", "1h", "-o", "json", *words, "talker")
-        return [json.loads(line) for line in done.stdout.splitlines()]
-
     def pod(self) -> str:
         """Return the talker's pod."""
         labels = {"app.kubernetes.io/name": "talker"}
@@ -160,30 +155,6 @@ def test_their_loki_has_our_lines_with_their_labels(theirs: Theirs) -> None:
         assert labels["container"] == "ros-node"
         assert labels["node"]
     until(lambda: not theirs.watching.pods("loki"), "end of our Loki")
-
-
-def test_logs_finds_there_what_pods_said_that_are_gone(theirs: Theirs) -> None:
-    """By level too: in the Loki that the Rigelfile names."""
-    old = theirs.pod()
-    until(lambda: old in {line["pod"] for line in theirs.logs()}, "lines of the pod")
-    theirs.cluster.delete(ObjectRef("v1", "Pod", theirs.namespace, old))
-    until(lambda: theirs.cluster.get(ObjectRef("v1", "Pod", theirs.namespace, old)) is None, "gone")
-    found = theirs.logs("--level", "error")
-    assert {line["level"] for line in found} == {"error"}
-    numbers = [int(line["text"].split()[-1]) for line in found if line["pod"] == old]
-    # The node runs before its lines go to their Loki: the first ones went to ours.
-    assert len(numbers) > 0
-    assert numbers == list(range(numbers[0], numbers[0] + 10 * len(numbers), 10))
-
-
-def test_another_application_finds_it_too(theirs: Theirs) -> None:
-    """Its Rigelfile says only `enabled: true`; the stack knows where its lines go."""
-    theirs.deploy(None)
-    done = theirs.rigel("logs", "--since", "1h", "--tail", "1", "talker")
-    assert done.stderr == ""
-    until(lambda: len({line["pod"] for line in theirs.logs()}) == 2, "lines of both, one is gone")
-    told = run_rigel("--context", theirs.context, "observe", "status").stdout
-    assert f"(http://loki.{theirs.namespace}:3100)" in told
 
 
 @pytest.fixture

@@ -21,7 +21,10 @@ from .conftest import until
 pytestmark = pytest.mark.cluster
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "src-plugin" / "Rigelfile"
-PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
+#: What the application runs: a publisher, and something that writes its results.
+WORK = "rostopic pub -r 5 chatter std_msgs/String hello & sleep 2"
+PUB = ["sh", "-c", f"{WORK}; echo 42 >/persistent/logs-volume/late; wait"]
+LATE = 'source_path: "/persistent/logs-volume/late"\n          wait: 2m'
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def no_stack(cluster: Any) -> Iterator[None]:
 def test_the_peers_shape_deploys_and_updates(
     cluster: Any, no_stack: None, namespace: str, rigel: Any, base_image: str, tmp_path: Path
 ) -> None:
-    """examples/src-plugin as it is, but for its images and its StorageClass."""
+    """examples/src-plugin as it is, but for its images, its StorageClass and late results."""
     (default,) = (
         item["metadata"]["name"]
         for item in cluster.list("storage.k8s.io/v1", "StorageClass")
@@ -51,18 +54,18 @@ def test_the_peers_shape_deploys_and_updates(
         '"standard"': default,
         '"maps"': f"maps-{namespace}",
         '"/usr/local/bin/readiness_probe.sh"': "test -w /persistent/logs-volume",
-        "- containerPort: 8080": f"- containerPort: 8080\n                      args: [{PUB}]",
+        "- containerPort: 8080": f"- containerPort: 8080\n{22 * ' '}args: {json.dumps(PUB)}",
+        'source_path: "/persistent/logs-volume"': LATE,
     }.items():
         assert old in text
         text = text.replace(old, new)
-    text = text.replace(f"args: [{PUB}]", f"args: [{', '.join(map(json.dumps, PUB.split()))}]")
     (tmp_path / "Rigelfile").write_text(text)
     volume = ObjectRef("v1", "PersistentVolume", "", f"maps-{namespace}-pv")
     try:
         rigel("run", "job", "deploy_k8s", cwd=tmp_path)
         words = ("rigel-k8s-application", "rosnode", "list")
         until(lambda: "/rosout" in inside(cluster, namespace, *words), "/rosout among the nodes")
-        assert (tmp_path / "results" / "logs-volume").is_dir()
+        assert (tmp_path / "results" / "late").read_text() == "42\n"
         rigel("run", "job", "update_k8s", cwd=tmp_path)
         ref = ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application")
         assert cluster.get(ref)["spec"]["strategy"] == {"type": "Recreate"}

@@ -9,7 +9,7 @@ import attrs
 import pytest
 
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.recorder import Recorder
@@ -44,15 +44,11 @@ class Maker:
         *,
         image: str = "",
         replicas: int = 1,
-        singleton: str = "",
         pod: dict[str, Any] | None = None,
         **container: Any,
     ) -> dict[str, Any]:
         labels = {"app.kubernetes.io/name": name, RELEASE_LABEL: "demo"}
         meta: dict[str, Any] = {"name": name, "namespace": self.namespace}
-        if singleton:
-            meta["annotations"] = {SINGLETON_ANNOTATION: singleton}
-            labels["test/singleton"] = singleton.strip("/")
         own = {
             "name": "node",
             "image": image or self.image,
@@ -72,12 +68,10 @@ class Maker:
             },
         }
 
-    def claim(
-        self, name: str = "data", size: str = "32Mi", storage_class: str | None = None
-    ) -> dict[str, Any]:
+    def claim(self, name: str = "data", storage_class: str | None = None) -> dict[str, Any]:
         spec: dict[str, Any] = {
             "accessModes": ["ReadWriteOnce"],
-            "resources": {"requests": {"storage": size}},
+            "resources": {"requests": {"storage": "32Mi"}},
         }
         if storage_class is not None:
             spec["storageClassName"] = storage_class
@@ -86,20 +80,6 @@ class Maker:
             "kind": "PersistentVolumeClaim",
             "metadata": {"name": name, "namespace": self.namespace},
             "spec": spec,
-        }
-
-    def volume(self, name: str, path: str) -> dict[str, Any]:
-        return {
-            "apiVersion": "v1",
-            "kind": "PersistentVolume",
-            "metadata": {"name": name},
-            "spec": {
-                "capacity": {"storage": "32Mi"},
-                "accessModes": ["ReadWriteOnce"],
-                "persistentVolumeReclaimPolicy": "Retain",
-                "storageClassName": "",
-                "hostPath": {"path": path, "type": "DirectoryOrCreate"},
-            },
         }
 
 

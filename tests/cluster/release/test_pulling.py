@@ -7,10 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.marks import PULL_LABEL
-from rigel_k8s.release.revisions import history
-from rigel_k8s.release.rollout.patience import Patience
 from tests.support.larger import push_larger
 from tests.support.releases import deploy
 
@@ -65,17 +62,3 @@ def describe(pod: Any, old: str) -> list[str]:
     states = pod["status"].get("containerStatuses") or []
     pulls = PULL_LABEL in pod["metadata"]["labels"]
     return ["pulled"] if pulls and any(one["imageID"] for one in states) else []
-
-
-def test_an_image_that_cannot_be_pulled_ends_no_pod(
-    cluster: Any, make: Any, report: Any, registry: str
-) -> None:
-    """The old one runs on, and nothing of the failed update is left."""
-    deploy(make.desired(make.deployment()), cluster, report=report)
-    before = pod_uids(cluster, make.namespace)
-    absent = make.deployment(image=f"{registry}/rigel-k8s/absent:1")
-    with pytest.raises(ClusterError, match=r"still runs \(revision 1\); talker on .* not found"):
-        deploy(make.desired(absent), cluster, report=report, patience=Patience(image=0.0))
-    assert pod_uids(cluster, make.namespace) == before
-    assert not cluster.list("v1", "Pod", make.namespace, labels=PULL_LABEL)
-    assert [one.status for one in history(cluster, make.release)] == ["good"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError, RolloutFailed
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.refusals.verdict import Refused
@@ -25,13 +25,6 @@ def put(kind: str, name: str, spec: dict[str, Any]) -> Callable[[Any, str], None
         admin.create({"apiVersion": "v1", "kind": kind, "metadata": meta, "spec": spec})
 
     return act
-
-
-def put_quota(admin: Any, namespace: str) -> None:
-    """Put a quota that one pod fits into, and wait until it is counted."""
-    put("ResourceQuota", "small", {"hard": {"pods": "1"}})(admin, namespace)
-    ref = ObjectRef("v1", "ResourceQuota", namespace, "small")
-    until(lambda: (admin.get(ref).get("status") or {}).get("used"), "a counted quota", 120)
 
 
 def restrict(admin: Any, namespace: str) -> None:
@@ -128,17 +121,3 @@ def test_all_missing_rights_are_one_list(cluster: Any, admin: Any, make: Any, re
     )
     until(lambda: find_missing() == lines, "the Role without patch")
     assert admin.list("coordination.k8s.io/v1", "Lease", make.namespace) == []
-
-
-def test_an_update_fits_into_a_quota_that_is_full(
-    cluster: Any, admin: Any, make: Any, report: Any
-) -> None:
-    """The old pod ends before the new one starts; where it does not, the roll-out has the cause."""
-    deploy(make.desired(make.deployment()), cluster, report=report)
-    put_quota(admin, make.namespace)
-    newer = make.deployment(env=[{"name": "A", "value": "1"}])
-    assert deploy(make.desired(newer), cluster, report=report).number == 2
-    rolling = make.deployment(env=[{"name": "A", "value": "2"}])
-    rolling["spec"]["strategy"] = {"type": "RollingUpdate", "rollingUpdate": {"maxUnavailable": 0}}
-    with pytest.raises(RolloutFailed, match="exceeded quota: small"):
-        deploy(make.desired(rolling), cluster, report=report)

@@ -97,7 +97,6 @@ class Project:
         return IPv4Network(jobs["deploy"]["with"]["network"]["subnet"])
 
     until = staticmethod(wait_until)
-    rigel = staticmethod(rigel)
 
     def pods(self) -> dict[str, dict[str, Any]]:
         """Return the pods that are not ending, by their workload."""

@@ -78,15 +78,3 @@ def test_a_viewer_sees_the_messages_of_a_node(robot: Project) -> None:
     assert isinstance(message, bytes)
     assert struct.unpack_from("<BI", message) == (1, 7)
     assert b"hello\0" in message
-
-
-def test_an_image_without_the_bridge_names_its_package(robot: Project) -> None:
-    """The roll-out ends, with the name of the Debian package."""
-    written = json.loads(robot.rigelfile.read_text())
-    written["jobs"]["deploy"]["with"]["nodes"] = {}
-    robot.rigelfile.write_text(json.dumps(written))
-    done = robot("run", "job", "deploy", check=False)
-    assert done.returncode == 1
-    output = done.stdout + done.stderr
-    assert "Package 'foxglove_bridge' not found" in output
-    assert "hint: its image needs the Debian package ros-jazzy-foxglove-bridge" in output

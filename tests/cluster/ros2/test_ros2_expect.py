@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -37,10 +36,10 @@ EXPECTED = {
 }
 
 
-def write(folder: Path, namespace: str, image: str, rate: int, **talker: Any) -> None:
-    """Write a Rigelfile whose talker has this rate, and more options."""
+def write(folder: Path, namespace: str, image: str, rate: int) -> None:
+    """Write a Rigelfile whose talker has this rate."""
     nodes = {
-        "talker": {"args": ["python3", "-c", TALKER, str(rate)], **talker},
+        "talker": {"args": ["python3", "-c", TALKER, str(rate)]},
         "listener": {"args": ["python3", "-c", LISTENER]},
     }
     options = {"image": image, "namespace": namespace, "network": "peers", "nodes": nodes}
@@ -75,19 +74,4 @@ def test_an_update_keeps_what_is_expected(
     assert "rolled back to revision 1" in done.stderr
     status = rigel("status", cwd=tmp_path).stdout
     assert re.search(r"revision 2 was rolled back to revision 1: .*/chatter: rate", status)
-    assert rigel("expect", cwd=tmp_path).returncode == 0
-
-
-def test_a_driver_that_is_too_slow_never_takes_over(
-    rigel_as_deployer: Rigel, namespace: str, ros2_image: str, tmp_path: Path
-) -> None:
-    """`readiness: {rates}`: the deploy fails with the cause, and the old one works on."""
-    rigel, limits = rigel_as_deployer, {"readiness": {"rates": {"chatter": "5.."}}}
-    write(tmp_path, namespace, ros2_image, 20, **limits)
-    rigel("run", "job", "deploy", cwd=tmp_path)
-    write(tmp_path, namespace, ros2_image, 2, **limits)
-    done = rigel("run", "job", "deploy", "--timeout", "40s", cwd=tmp_path, check=False)
-    assert done.returncode == 1
-    assert "the old version still runs" in done.stderr
-    assert re.search(r"/chatter is published [\d.]+ times per second, not 5/s or more", done.stderr)
     assert rigel("expect", cwd=tmp_path).returncode == 0

@@ -7,7 +7,6 @@ that it manages, and a lifecycle node by itself. A caller, which is not updated,
 
 from __future__ import annotations
 
-import itertools
 import json
 import subprocess
 import sys
@@ -21,13 +20,12 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.ros2_work import PACKAGE
 from tests.support.ros2_work.judge import Verdict, is_answered, judge
 from tests.support.until import until
 
 from ..background import Background
-from ..conftest import first_container, inside, own_namespace
+from ..conftest import first_container, own_namespace
 from .conftest import apart
 
 pytestmark = pytest.mark.cluster
@@ -36,15 +34,10 @@ pytestmark = pytest.mark.cluster
 TALKERS = ("talker", "left", "right", "front", "arm", "hand", "managed")
 #: Seconds until an event is there, on a busy machine.
 PATIENCE = 60
-#: Seconds of a goal that takes longer than what the tests do meanwhile.
-LONG = 90
 #: Seconds until DDS has sent a packet again that a busy machine has lost: after its next heartbeat,
 #: which comes every 3 s. So an old node's last messages may come after the new one's first.
 RESENT = 5
 START = {"start": ["configure", "activate"]}
-NO_LAYER = "plain"
-#: No ROS node; it ends on SIGINT.
-IDLE = ["python3", "-c", "import time; time.sleep(10_000)"]
 
 
 def requests(cpu: str) -> dict[str, Any]:
@@ -76,22 +69,14 @@ class Robot:
         place = ["-f", str(self.file), "--context", self.context, "-n", self.namespace]
         return [sys.executable, "-m", "rigel_k8s", *place, *words]
 
-    def rigel(self, *words: str, check: bool = True) -> subprocess.CompletedProcess[str]:
-        """Run rigel on it."""
-        done = subprocess.run(
-            self.command(*words), capture_output=True, text=True, timeout=900, check=False
-        )
-        assert not check or done.returncode == 0, done.stdout + done.stderr
-        return done
+    def update(self, version: str) -> None:
+        """Deploy a version of all nodes but the caller."""
+        self.write(version)
+        deploy = self.command("run", "job", "deploy", "--timeout", "8m")
+        done = subprocess.run(deploy, capture_output=True, text=True, timeout=900, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
 
-    def update(
-        self, version: str, *, timeout: str = "8m", check: bool = True, **worker: Any
-    ) -> subprocess.CompletedProcess[str]:
-        """Deploy a version of all nodes but the caller; `worker` has more of that one's options."""
-        self.write(version, worker)
-        return self.rigel("run", "job", "deploy", "--timeout", timeout, check=check)
-
-    def write(self, version: str, worker: Mapping[str, Any]) -> None:
+    def write(self, version: str) -> None:
         """Write the Rigelfile."""
         env = {"VERSION": version}
 
@@ -105,11 +90,10 @@ class Robot:
         launch = {"launch": {"package": PACKAGE, "file": "robot.launch.xml"}, "env": env}
         away = {"placement": {"apart_from": ["caller"]}}
         nodes: dict[str, Any] = {
-            "worker": {**program("worker", 100, "300m"), **alive, **away, **worker},
+            "worker": {**program("worker", 100, "300m"), **alive, **away},
             "talker": {**program("talker"), **alive},
             "robot": {**launch, **alive, **requests("300m")},
             "managed": {**program("managed"), **alive, "lifecycle": START},
-            NO_LAYER: {**program("talker"), "rmw_layer": False},
             "caller": {**program("caller", cpu="500m"), "env": {"HEAR": ",".join(TALKERS)}},
         }
         options = {"image": self.image, "network": self.network, "nodes": nodes}
@@ -122,11 +106,6 @@ class Robot:
         labels = {"app.kubernetes.io/name": workload}
         found = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
         return sorted(found, key=lambda pod: str(pod["metadata"]["creationTimestamp"]))
-
-    def wait_for_one(self, workload: str) -> dict[str, Any]:
-        """Return a workload's pod, once there is one only."""
-        until(lambda: len(self.pods(workload)) == 1, f"single pod of {workload}", PATIENCE)
-        return self.pods(workload)[0]
 
     def progress(self, pod: Mapping[str, Any]) -> str:
         """Return what a pod's keeper says."""
@@ -160,15 +139,6 @@ class Record:
     def verdict(self, chat: str = "chat") -> Verdict:
         """Judge what the caller has heard."""
         return judge(self.lines("caller"), self.lines("worker"), chat)
-
-    def chat(self) -> list[tuple[float, str]]:
-        """Return when the worker was heard, and its version."""
-        split = (line.split() for line in self.lines("caller").splitlines())
-        return [(float(words[0]), words[2]) for words in split if words[1:2] == ["chat"]]
-
-    def until_heard_at(self, when: float) -> None:
-        """Wait until the caller hears the worker after a time."""
-        until(lambda: any(one > when for one, _ in self.chat()[-20:]), "message", PATIENCE)
 
     def until_answered(self) -> None:
         """Wait until a call is answered, so that none is open that may be lost."""
@@ -248,73 +218,3 @@ def test_nothing_is_lost_and_nothing_comes_twice(robot: Robot, record: Record) -
         heard = record.verdict(f"chat/{name}")
         assert (heard.versions, heard.doubled, heard.missing) == (found.versions, 0, 0), name
         assert heard.late < RESENT * 20, name
-
-
-def test_a_node_without_the_layer_is_stopped_first(robot: Robot) -> None:
-    """`rmw_layer: false`: no library, no keeper, and an update as before."""
-    ref = ObjectRef("apps/v1", "Deployment", robot.namespace, NO_LAYER)
-    assert robot.cluster.get(ref)["spec"]["strategy"]["type"] == "Recreate"
-    seen = inside(
-        robot.cluster, robot.namespace, NO_LAYER, "cat", "/proc/1/environ", "/proc/1/maps"
-    )
-    assert "RIGEL_RMW" not in seen
-    assert "LD_PRELOAD" not in seen
-    assert "rmw-" not in seen
-    assert "LD_PRELOAD" in inside(
-        robot.cluster, robot.namespace, "talker", "cat", "/proc/1/environ"
-    )
-
-
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        ({"env": {"RATE": "100"}}, "KeyError: 'VERSION'"),
-        ({"command": IDLE, "package": None, "executable": None}, "DDS domain"),
-    ],
-    ids=["crashes", "is no node"],
-)
-def test_a_new_version_that_fails_changes_nothing(
-    robot: Robot, record: Record, options: dict[str, Any], cause: str
-) -> None:
-    """The old one works all the time, whether the new one crashes or never becomes ready."""
-    robot.update("v3")
-    old = robot.wait_for_one("worker")
-    begun = time.time()
-    done = robot.update("v3", timeout="30s", check=False, **options)
-    assert done.returncode == 1
-    assert cause in done.stdout + done.stderr
-    robot.update("v3")
-    record.until_heard_at(time.time())
-    times = [when for when, _ in record.chat() if when > begun]
-    assert max(b - a for a, b in itertools.pairwise(times)) < 20  # the machine is busy
-    assert {version for when, version in record.chat() if when > begun} == {"v3"}
-    there = robot.wait_for_one("worker")
-    assert there["metadata"]["uid"] == old["metadata"]["uid"]
-
-
-def test_if_the_old_one_ends_the_new_one_works(robot: Robot, record: Record) -> None:
-    """It waited for a goal of the old one, whose program ends now; it works before that goal ends.
-
-    The old one's container starts again, finds that the new one works, and waits.
-    """
-    robot.update("v3")
-    old = robot.wait_for_one("worker")
-    send = ("exec", "caller", "--", "ros2", "run", PACKAGE, "goal.py", str(LONG))
-    with Background(robot.command(*send)) as goal:
-        until(lambda: goal.found("accepted"), "accepted goal", PATIENCE)
-        robot.write("v3", {"env": {"VERSION": "v4", "RATE": "100"}})
-        with Background(robot.command("run", "job", "deploy", "--timeout", "3m")) as deploy:
-            new = until(lambda: robot.pods("worker")[1:], "new pod", PATIENCE)[0]
-            line = f"waits to take over: {old['metadata']['name']} has"
-            until(lambda: robot.progress(new).startswith(line), line, PATIENCE, every=0.5)
-            until(lambda: deploy.found(line), f"line of the deploy: {line}", PATIENCE)
-            robot.run(old, "kill", "-INT", "1")
-            record.until_heard("v4", "chat")
-            assert record.verdict().gaps[-1] < LONG / 3
-            assert robot.progress(new).startswith("works, ")
-            until(
-                lambda: deploy.found("done"),
-                "end of the deploy",
-                PATIENCE,
-                last_words=lambda: deploy.lines,
-            )

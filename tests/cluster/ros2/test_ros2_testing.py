@@ -87,25 +87,6 @@ def test_a_robot_is_tested_in_a_namespace_of_its_own(
     assert live is None or live["status"]["phase"] == "Terminating"
 
 
-def test_two_runs_at_the_same_time_do_not_disturb_each_other(
-    rigel: Rigel, cluster: Cluster, ros2_image: str, tmp_path: Path
-) -> None:
-    """Each has a talker, so two publishers would break `expect`; each has a folder and a suite."""
-    write(tmp_path, ros2_image)
-    done = rigel("test", "robot", "--repeat", "2", "--parallel", "2", cwd=tmp_path)
-    for test in ("hears", "/chatter: rate", "/chatter: publishers"):
-        assert re.search(rf"^{test} +2 of 2", done.stdout, re.MULTILINE), done.stdout
-    results = tmp_path / "test-results"
-    assert [(results / n / "hears" / "heard.txt").read_text() for n in "12"] == ["hello"] * 2
-    suites = ElementTree.parse(results / "rigel.xml").getroot()
-    assert [one.attrib["name"].split()[1] for one in suites] == ["1", "2"]
-    namespaces = set(re.findall(r"^\[\d\] testing robot in the namespace (\S+)", done.stderr, re.M))
-    assert len(namespaces) == 2
-    for namespace in namespaces:
-        live = cluster.get(ObjectRef("v1", "Namespace", "", namespace))
-        assert live is None or live["status"]["phase"] == "Terminating"
-
-
 def test_a_deployer_tests_in_a_given_namespace(
     rigel_as_deployer: Rigel, cluster: Cluster, namespace: str, ros2_image: str, tmp_path: Path
 ) -> None:

@@ -7,7 +7,6 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ from rigel_k8s.objects.refs import ObjectRef
 
 from ...background import Background
 from ..conftest import is_ready
-from .conftest import LISTENER, App, until
+from .conftest import App, until
 
 pytestmark = pytest.mark.cluster
 
@@ -72,15 +71,6 @@ def port(url: str) -> int:
     return int(url.rpartition(":")[2])
 
 
-def test_a_port_that_is_asked_for_and_taken_is_an_error(app: App, stack: str) -> None:
-    """A usual one that is taken is not: any other does."""
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        number = str(taken.getsockname()[1])
-        there = App(app.file, app.context, stack)
-        error = there("observe", "--prometheus", number, code=2).stderr
-    assert f"cannot listen on port {number}" in error
-
-
 def test_status_says_what_it_hears(app: App, stack: str) -> None:
     """Workloads, whether each part answers, whose lines came lately, and alerts."""
     there = App(app.file, app.context, stack)
@@ -94,15 +84,6 @@ def test_status_says_what_it_hears(app: App, stack: str) -> None:
     assert {one["name"] for one in found["answers"] if one["ok"]} >= {"loki", "prometheus"}
     assert "targets" in there("observe", "status").stdout
     assert isinstance(found["alerts"], list)
-
-
-def test_where_there_is_none_the_way_to_one_is_told(app: App) -> None:
-    """For each of the commands; nothing is waited for."""
-    for words in (["observe"], ["observe", "status"], ["observe", "remove"]):
-        there = App(app.file, app.context, "kube-system")
-        error = there(*words, code=2).stderr
-        assert "there is no observability stack in the namespace kube-system" in error
-    assert "observability: {enabled: true}" in there("observe", code=2).stderr
 
 
 GRAFANA = {"name": "grafana", "labels": {"app.kubernetes.io/name": "grafana"}}
@@ -165,43 +146,3 @@ def test_grafanas_password_is_shown_unless_told(
     hidden = start(in_namespace(app, grafana, "observe", "--grafana", "0", "--no-password"))
     until(lambda: hidden.found(r"Grafana +http"), "the address")
     assert not hidden.found("s3cret")
-
-
-def test_a_pod_that_is_replaced_is_found_again(
-    app: App, grafana: str, registry: str, cluster: Any, start: Callable[..., Background]
-) -> None:
-    """At the same address, and it is told."""
-    running = start(in_namespace(app, grafana, "observe", "--grafana", "0"))
-    found = until(lambda: running.found(r"Grafana +(http://\S+)"), "the address")
-    pod = ObjectRef("v1", "Pod", grafana, "grafana")
-    cluster.delete(pod, grace_seconds=0)
-    until(lambda: cluster.get(pod) is None, "the pod's end")
-    assert answer(found[1]) != "here\n"
-    until(lambda: running.found("grafana is unreachable: none of its pods is ready"), "the end")
-    create(cluster, grafana, grafana_pod(registry))
-    until(lambda: answer(found[1]) == "here\n", "the page at the same address")
-    again = r"grafana is reachable again at http://\S+, in grafana"
-    until(lambda: running.found(again), "the message")
-
-
-def test_remove_takes_the_release_away(
-    app: App, cluster: Any, namespace: str, base_image: str, tmp_path: Path
-) -> None:
-    """That of the namespace that is named, all of it, and then there is none.
-
-    What stands in for the stack is an application of the stack's name: the real one is shared.
-    """
-    nodes = {"listener": {"args": ["python3", "-c", LISTENER]}}
-    options = {"image": base_image, "ros_master_image": base_image, "nodes": nodes}
-    options["deployment_name"] = "rigel-observability"
-    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
-    there = App(tmp_path / "Rigelfile", app.context, namespace)
-    text = {"application": {"distro": "noetic"}, "jobs": {"deploy": job}}
-    there.file.write_text(json.dumps(text))
-    there("run", "job", "deploy", "--timeout", "8m")
-    assert "there is no terminal to ask" in there("observe", "remove", "--volumes", code=2).stderr
-    told = there("observe", "remove", "--volumes", "-y").stdout
-    assert f"removed the observability stack from {namespace}: " in told
-    assert cluster.list("apps/v1", "Deployment", namespace) == []
-    assert cluster.list("v1", "Service", namespace) == []
-    there("observe", "remove", code=2)

@@ -105,24 +105,6 @@ def test_topics_have_rates_and_ages(app: App) -> None:
     assert "remove the names" in app("top", "--topics", "talker", code=2).stderr
 
 
-def test_without_prometheus_the_kubelets_tell(
-    app: App, limited: Callable[..., App], cluster: Any
-) -> None:
-    """Where somebody may ask them; UP is unknown then."""
-    someone = limited([NODES_PROXY])
-    done = someone("top", "-o", "json")
-    assert json.loads(done.stdout)["source"] == "kubelet"
-    assert done.stderr == ""
-
-    def known() -> dict[str, dict[str, Any]] | None:
-        found = rows(someone)
-        return found if all(agrees(cluster, row) for row in found.values()) else None
-
-    found = until(known, "all figures, as the kubelets tell them")
-    for row in found.values():
-        assert row["up"] is None
-
-
 @pytest.fixture
 def metrics_api(
     app: App, cluster: Any, base_image: str, tmp_path: Path
@@ -189,11 +171,3 @@ def test_a_metrics_server_is_asked_before_the_kubelets(
         return str(json.loads(someone("top", "-o", "json", "talker").stdout)["source"])
 
     until(lambda: source() == "kubelet", "its end")
-
-
-def test_who_may_ask_nobody_is_told_so(app: App, limited: Callable[..., App]) -> None:
-    """Each that was asked, and what would help."""
-    error = limited()("top", code=1).stderr
-    assert "no source has the usage of these pods" in error
-    assert "you may not ask the kubelets" in error
-    assert "nodes/proxy" in error

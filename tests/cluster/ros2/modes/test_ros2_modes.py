@@ -10,9 +10,7 @@ from collections.abc import Callable
 from ipaddress import IPv4Address
 from typing import Any
 
-import attrs
 import pytest
-import yaml
 
 pytestmark = pytest.mark.cluster
 
@@ -57,11 +55,6 @@ class TestPeers:
         by_peers.move("listener")
         by_peers.until_heard("listener", BOTH)
         assert [uid_of(by_peers, "talker-1"), uid_of(by_peers, "talker-2")] == talkers
-
-    def test_it_is_the_peers_that_do_it(self, deployed: Deploy) -> None:
-        """With `none` the same nodes are deaf, on machines of their own."""
-        release = deployed(network={"mode": "none"}, nodes=NODES)
-        assert release.heard("listener", since=None) == set()
 
 
 class TestPeersOfCyclone:
@@ -114,14 +107,6 @@ class TestDiscoveryServer:
         by_servers.move("talker-1")
         by_servers.until_heard("listener", BOTH, seconds=240)
         assert uid_of(by_servers, "listener") == uid
-
-    def test_a_server_runs_on_the_chosen_machine(self, deployed: Deploy) -> None:
-        """Kubernetes would choose by its own rules."""
-        for chosen in ("node3", "node1"):
-            network = {"mode": "discovery-server", "placement": {"node": chosen}}
-            machines = deployed(network=network, nodes={"talker_1": TALKER}).project.machines()
-            [server] = [where for name, where in machines.items() if "-discovery-" in name]
-            assert server == chosen
 
 
 class TestHost:
@@ -216,14 +201,6 @@ class TestHostNetwork:
             return done.returncode == 0 and json.loads(done.stdout)["graph"]["problems"] == []
 
         release.project.until(is_well, "status without problems")
-
-    def test_neighbors_hear_each_other_without_a_network(self, deployed: Deploy) -> None:
-        """They have one address and share no memory; discovery alone would work."""
-        alike = {"host_network": True, "placement": {"node": "node1"}}
-        talker, listener = ({"args": [f"{name}.py"], **alike} for name in ("talker", "listener"))
-        nodes = {"talker_1": talker, "listener": listener}
-        release = deployed(network={"mode": "none"}, nodes=nodes)
-        release.until_heard("listener", {"talker_1"})
 
 
 class TestMacvlan:
@@ -342,57 +319,6 @@ class TestKilted:
         """In the modes whose configuration depends on the version."""
         release = deployed(distro="kilted", network=network, nodes=NODES)
         release.until_heard("listener", BOTH)
-
-    def test_it_hears_jazzy_and_jazzy_hears_it(
-        self, deployed: Deploy, interop_image: str, kilted_image: str, multus: None
-    ) -> None:
-        """On one network, in one Rigelfile: robots are not updated all at once."""
-        younger = {"image": kilted_image}
-        nodes = {
-            "talker_1": TALKER,
-            "talker_2": {**TALKER, **younger},
-            "listener": LISTENER,
-            "listener_2": {**LISTENER, **younger},
-        }
-        release = deployed(image=interop_image, network=LAN, nodes=nodes)
-        release.until_heard("listener", BOTH)
-        release.until_heard("listener_2", BOTH)
-
-
-@pytest.mark.parametrize(
-    ("distro", "middleware", "network"),
-    [
-        ("humble", None, {"mode": "peers"}),
-        ("humble", "fastdds", {"mode": "macvlan", "interface": "eth0", "subnet": "10.9.0.0/24"}),
-        ("jazzy", "zenoh", {"mode": "zenoh", "image": "ros:jazzy"}),
-        ("lyrical", "cyclonedds", {"mode": "host", "interface": "eth0"}),
-    ],
-)
-def test_what_cannot_run_here_is_taken_by_kubernetes(
-    project: Callable[..., Any],
-    cluster: Any,
-    ros2_image: str,
-    multus: None,
-    distro: str,
-    middleware: str | None,
-    network: dict[str, str],
-) -> None:
-    """humble, lyrical and rmw_zenoh are not to be had as wheels: a server-side dry run of each
-    object is what is tried.
-    """
-    options = {"network": network, "nodes": NODES, "middleware": middleware}
-
-    def change(job: dict[str, Any]) -> None:
-        job.update({key: value for key, value in options.items() if value})
-
-    made = project("../tests/images/interop", ros2_image, change)
-    text = made.rigelfile.read_text().replace("distro: jazzy", f"distro: {distro}")
-    made.rigelfile.write_text(text)
-    made = attrs.evolve(made, env={**made.env, "TAG": distro})
-    sent = [one for one in yaml.safe_load_all(made("render", "deploy").stdout) if one]
-    assert {"listener", "talker-1", "talker-2"} <= {one["metadata"]["name"] for one in sent}
-    for one in sent:
-        cluster.apply(one, dry_run=True)
 
 
 def uid_of(release: Any, workload: str) -> str:

@@ -1,4 +1,4 @@
-"""Every network that has golden files, for every distribution, as the API server itself sees it."""
+"""What has golden files, as the API server sees it: networks and applications."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pytest
 import yaml
 
 from rigel_k8s.cli.main import run
+from tests.unit.app.test_golden import CASES as SHAPES
+from tests.unit.app.test_golden import make
 
 from .conftest import own_namespace
 
@@ -56,3 +58,14 @@ def test_the_api_server_takes_every_network(
     assert "Deployment" in {item["kind"] for item in made}
     for item in made:
         cluster.apply(item, dry_run=True, force=True)
+
+
+@pytest.mark.parametrize("case", SHAPES)
+def test_the_api_server_takes_every_shape(
+    case: str, cluster: Any, multus: None, namespace: str
+) -> None:
+    """Of an application's objects, too."""
+    for item in make(case):
+        if "namespace" in item["metadata"]:
+            item["metadata"]["namespace"] = namespace
+        cluster.apply(item, dry_run=True)

@@ -43,7 +43,8 @@ class Project:
         for name, service in self.services.items():
             if not service.get("image").text and service.get("build").content is None:
                 message = f'the service "{name}" has neither an `image` nor a `build`'
-                raise service.error(message, "add one of them")
+                merge = "`docker compose -f BASE -f THIS config > ALL`"
+                raise service.error(message, f"add one; if it overrides another file, {merge}")
 
     def load(self, file: Path) -> Value:
         """Return the mapping in a file, with anchors and merges resolved."""

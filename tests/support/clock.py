@@ -50,10 +50,14 @@ class Leap:
 def leap_when_shown(
     monkeypatch: pytest.MonkeyPatch, report: Recorder, seconds: float, *states: tuple[str, str]
 ) -> None:
-    """Let a roll-out's clock stand still until all these states are shown: (workload, words)."""
+    """Let a roll-out's clock stand still until all these states are shown: (workload, words).
+
+    What an earlier roll-out has shown does not count: the clock would leap before this one waits.
+    """
+    earlier = len(report.states)
 
     def is_shown(name: str, words: str) -> bool:
-        return any(key == name and words in text for key, text, _ in report.states)
+        return any(key == name and words in text for key, text, _ in report.states[earlier:])
 
     clock = Leap(lambda: all(is_shown(*state) for state in states), seconds)
     monkeypatch.setattr(wait, "time", clock)

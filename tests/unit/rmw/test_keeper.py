@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -60,7 +61,7 @@ def pod(start: Start, port: int) -> Iterator[Callable[..., Pod]]:
     """Starts pods of one workload, all at 127.0.0.1."""
     pods: list[Pod] = []
 
-    def begin(**more: str) -> Pod:
+    def begin(script: Path = KEEPER, **more: str) -> Pod:
         number = len(pods)
         node = start("wait", directory=f"pod-{number}")
         environ = {
@@ -70,9 +71,10 @@ def pod(start: Start, port: int) -> Iterator[Callable[..., Pod]]:
             "RIGEL_K8S_POD": f"talker-{number}",
             "RIGEL_K8S_PEERS": "127.0.0.1",
             "RIGEL_K8S_PEERS_PORT": str(port),
+            "NODE": str(node.process.pid),
             **more,
         }
-        line = [sys.executable, "-S", "-E", "-B", str(KEEPER), "run"]
+        line = [sys.executable, "-S", "-E", "-B", str(script), "run"]
         keeper = subprocess.Popen(line, env=environ, stdout=subprocess.PIPE, text=True)
         pods.append(Pod(node, environ, keeper))
         name(node).do("create p /out 0")
@@ -183,6 +185,42 @@ def test_if_the_worker_dies_the_one_that_waits_works(pod: Callable[..., Pod], wh
     other.node.process.kill()
     other.node.process.wait()
     until_mode(one, WORK)
+
+
+#: Where the keeper sends a message of a switch; and what ends it there, with its node.
+SENDS = """                link.outbox += json.dumps(message).encode() + b"\\n"
+                self._send(now, link)
+"""
+ENDS = """                if message["type"] == os.environ["STEP"]:
+                    os.kill(int(os.environ["NODE"]), 9)
+                    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.parametrize("sent", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize(
+    ("step", "dies"),
+    [*((step, "new") for step in ("take", "goals", "hold"))]
+    + [*((step, "old") for step in ("go", "draining", "drained", "stopped"))],
+)
+def test_one_that_is_killed_at_any_step_of_a_switch_is_replaced(
+    pod: Callable[..., Pod], tmp_path: Path, step: str, dies: str, *, sent: bool
+) -> None:
+    """Before or after it has said so: the other one works, whichever that is."""
+    scripts = Path(shutil.copytree(KEEPER.parent, tmp_path / "scripts"))
+    text = KEEPER.read_text("utf-8")
+    assert text.count(SENDS) == 1
+    (scripts / "keeper.py").write_text(text.replace(SENDS, SENDS + ENDS if sent else ENDS + SENDS))
+    pods = []
+    for which in ("old", "new"):
+        script = scripts / "keeper.py" if which == dies else KEEPER
+        pods.append(pod(script, STEP=step))
+        pods[-1].node.do("create v /work/_action/send_goal 0")
+        if which == "old":
+            until_mode(pods[0], WORK)
+    dead, left = pods if dies == "old" else pods[::-1]
+    assert dead.keeper.wait(60) == -signal.SIGKILL
+    until_mode(left, WORK)
 
 
 def test_a_silent_worker_is_replaced_and_hands_over_again(pod: Callable[..., Pod]) -> None:

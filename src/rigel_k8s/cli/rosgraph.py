@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FORMS = ("text", "json", "dot", "foxglove")
 #: What is not in the JSON of a topic: losses are among the problems; no script needs the rest.
-OMITTED = ("losses", "exists")
+OMITTED = ("losses", "exists", "notes")
 #: Pictures, which Graphviz draws.
 PICTURES = ("svg", "png", "pdf")
 #: The format by a file's suffix.

@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping
 
 from rigel_k8s.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.discovery.looks import look
+from rigel_k8s.discovery.looks import Notes, look
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
@@ -50,16 +50,31 @@ def survey(cluster: Cluster, release: ReleaseId) -> DiscoveryGraph | None:
     return found
 
 
-def look_briefly(cluster: Cluster, release: ReleaseId) -> DiscoveryGraph | None:
-    """Return the graph that one look shows."""
+def look_briefly(
+    cluster: Cluster, release: ReleaseId, known: Notes | None = None
+) -> DiscoveryGraph | None:
+    """Return the graph that one look shows.
+
+    Args:
+        known: notes that were read a moment ago; what is in them is not read again.
+    """
     found = members(list_pods(cluster, release))
-    return graph(found, look(cluster, found)) if found else None
+    return graph(found, look(cluster, found, known)) if found else None
 
 
-def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: threading.Event) -> None:
+def check(
+    release: ReleaseId,
+    cluster: Cluster,
+    report: Reporter,
+    cancel: threading.Event,
+    known: Notes | None = None,
+) -> None:
     """Look until the nodes discover each other, or have had time for that.
 
     Without `network`, nodes that do not discover each other are a warning: nothing requests it.
+
+    Args:
+        known: notes that were read since the roll-out, for the first look.
 
     Raises:
         GraphError: nodes do not discover each other, although `network` requests it; or a pod has
@@ -68,7 +83,7 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
     """
     before = {name_of(pod): count_crashes(pod) for pod in list_pods(cluster, release)}
     begun, looks = time.monotonic(), 1
-    found = look_briefly(cluster, release)
+    found = look_briefly(cluster, release, known)
     while found is not None and may_change(found, looks, time.monotonic() - begun):
         report.progress("graph", "not all nodes have discovered each other yet")
         if cancel.wait(AGAIN):

@@ -20,6 +20,8 @@ from rigel_k8s.discovery.members import Member
 from rigel_k8s.kube.cluster import Cluster
 
 SPAN = 1.0  # seconds between two readings of notes
+#: POD/CONTAINER -> what its processes noted, `first` and `second`.
+Notes = Mapping[str, Mapping[str, Any]]
 
 
 @attrs.frozen
@@ -48,11 +50,17 @@ class Observation:
         return self.discovered is not None or self.heard is not None
 
 
-def look(cluster: Cluster, found: Sequence[Member]) -> dict[str, Observation]:
-    """Return pod -> what was seen in it; takes SPAN, without notes up to ten seconds."""
+def look(
+    cluster: Cluster, found: Sequence[Member], known: Notes | None = None
+) -> dict[str, Observation]:
+    """Return pod -> what was seen in it; takes SPAN, without notes up to ten seconds.
+
+    Args:
+        known: notes that were read a moment ago.
+    """
     seen = {member.pod: Observation(why_unseen(member)) for member in found}
     running = [member for member in found if not seen[member.pod].problem]
-    looks = cluster.parallel(partial(look_into, cluster, running), running)
+    looks = cluster.parallel(partial(look_into, cluster, running, known or {}), running)
     return seen | {m.pod: one for m, one in zip(running, looks, strict=True)}
 
 
@@ -63,12 +71,15 @@ def why_unseen(member: Member) -> str:
     return "" if member.running else "its container does not run"
 
 
-def look_into(cluster: Cluster, members: Iterable[Member], member: Member) -> Observation:
+def look_into(
+    cluster: Cluster, members: Iterable[Member], known: Notes, member: Member
+) -> Observation:
     """Return what is seen in one pod."""
     noted = Observation()
     try:
         if member.has_layer:
-            found = read_notes(cluster, member, SPAN)
+            notes = known.get(f"{member.name}/{member.container}")
+            found = notes or read_notes(cluster, member, SPAN)
             if found["second"]["processes"]:
                 noted = of_notes(found["second"])
             if noted.nodes:

@@ -52,7 +52,7 @@ def read(
         if failures:
             raise failures[0]
         return dds.read(cluster, pods, members)
-    graph = parse(answers, {pod.key: pod for pod in pods})
+    graph = attrs.evolve(parse(answers, {pod.key: pod for pod in pods}), notes=answers)
     strangers = [node for node in graph.nodes if not node.pod]
     if not strangers or any(member.middleware == "zenoh" for member in members):
         return graph

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import attrs
 
@@ -130,6 +131,7 @@ class RosGraph:
         leaving: the names of nodes whose pods are being terminated. What they publish may be in
             the graph until they have ended.
         span: seconds over which the rates were measured, 0 if they are exact or there are none.
+        notes: POD/CONTAINER -> what the processes of ROS 2 noted, `first` and `second`.
     """
 
     nodes: tuple[GraphNode, ...] = ()
@@ -137,6 +139,7 @@ class RosGraph:
     services: tuple[GraphService, ...] = ()
     leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
     span: float = attrs.field(default=0.0, eq=False)
+    notes: Mapping[str, Mapping[str, Any]] = attrs.field(factory=dict, eq=False, repr=False)
 
     def with_rates(self, rates: Mapping[str, float]) -> RosGraph:
         """Return the graph with these rates, by topic, where it has none."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
@@ -58,6 +58,7 @@ class GraphWatch:
         expected: of topics. An update that breaks it makes the graph worse, and is refused if it is
             strict.
         quick: the graph is read quickly, so a first deploy reports topics that do not fit.
+        notes: what the last look after the roll-out has read of ROS 2, as RosGraph has it.
     """
 
     cluster: Cluster
@@ -67,6 +68,7 @@ class GraphWatch:
     patience: float = PATIENCE
     expected: Mapping[str, Expected] = attrs.field(factory=dict)
     quick: bool = False
+    notes: Mapping[str, Mapping[str, Any]] = attrs.field(factory=dict)
     last_good: int | None = None
     _first: bool = False
     _before: RosGraph | None = None
@@ -174,7 +176,7 @@ class GraphWatch:
             except RigelK8sError as error:
                 found, state = error, error.message
             else:
-                self._broken = self.find_broken(after)
+                self.notes, self._broken = after.notes, self.find_broken(after)
                 after = keep_highest(after, highest)
                 lines = group_lines(self._broken)
                 found = compare(self._before, after, removed=self._removed, broken=lines)

@@ -349,6 +349,10 @@ def test_notes_are_read_where_they_are():
     notes = answer(process("/a", seen=["/a", "/b"]))
     cluster: Any = Cluster({"first": notes, "second": notes})
     assert look(cluster, [layered("a")]) == {"a": noted("a", "b")}
+    assert cluster.asked == ["a"]
+    read = {"a/ros-node": {"first": notes, "second": notes}}
+    assert look(cluster, [layered("a")], read) == {"a": noted("a", "b")}
+    assert cluster.asked == ["a"], "what was read a moment ago is not read again"
     cluster = Cluster({"addresses": ["10.1.0.1"]})
     assert look(cluster, [member("a")]) == {"a": heard("10.1.0.1")}
 

@@ -156,7 +156,8 @@ class ApplicationHooks(Hooks):
         if self.ros.dds:
             from rigel_k8s.discovery.check import check as check_graph
 
-            check_graph(run.release, run.cluster, options.report, options.cancel)
+            notes = self.graph.notes if self.graph is not None else {}
+            check_graph(run.release, run.cluster, options.report, options.cancel, notes)
         results = self.prepared.options.results
         if results is None:
             return

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -18,7 +19,7 @@ from rigel_k8s.objects.refs import Manifest, ref_of
 from rigel_k8s.objects.steady import steady
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.observability.names import EXPORTER
-from rigel_k8s.problems import Path
+from rigel_k8s.problems import Path, Problem
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Application
 
@@ -41,6 +42,13 @@ REMEDIES = {
     "no-room": "request less (`resources`), or let it run elsewhere (`placement`)",
     "missing-object": "create it first, or correct its name",
     "no-image": "push it, or correct its name",
+}
+#: The options that such a reason is about: a pattern of one of their keys.
+ABOUT = {
+    **dict.fromkeys(("no-image", "architecture"), "image"),
+    **dict.fromkeys(("no-machine", "taint"), "placement"),
+    "no-room": "resources",
+    "missing-object": "(?i).*(config_?map|secret|storage_?class|claim).*",
 }
 #: What outlives `down`.
 PROTECTED = ("PersistentVolumeClaim", "PersistentVolume")
@@ -135,3 +143,31 @@ def options_to_keep(raw: Mapping[str, Any]) -> dict[str, Any]:
     grafana = (result.get("observability") or {}).get("grafana") or {}
     grafana.pop("admin_password", None)
     return result
+
+
+def point_out(problem: Problem, raw: Mapping[str, Any]) -> Problem:
+    """Return a problem at the option of `raw` that it is about: its message names the value."""
+    about, path = re.compile(ABOUT.get(problem.kind, "")), problem.path
+    options = list(list_options(flat(raw)))
+    own = [one for one in options if one[0][: len(path)] == path]
+    named = [
+        place
+        for place, value in (*own, *options)
+        if any(about.fullmatch(str(key)) for key in place) and is_named(value, problem.message)
+    ]
+    whole = [place for place, _ in own if about.fullmatch(str(place[-1]))]
+    return attrs.evolve(problem, path=[*named, *whole, path][0])
+
+
+def list_options(value: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
+    """Yield the paths of all values in options, with the values: the outer ones first."""
+    items = enumerate(value) if isinstance(value, list) else ()
+    for key, inner in value.items() if isinstance(value, Mapping) else items:
+        yield (*path, key), inner
+        yield from list_options(inner, (*path, key))
+
+
+def is_named(value: Any, message: str) -> bool:
+    """Whether a message has an option's value as a word; of an image, without its digest."""
+    word = rf"(?<![\w/.:-]){re.escape(str(value).partition('@')[0])}(?![\w/.:@-])"
+    return not isinstance(value, Mapping | list) and bool(re.search(word, message))

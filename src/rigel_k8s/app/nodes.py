@@ -270,6 +270,8 @@ def node_workload(parts: Sequence[NodePart]) -> Object:
     notes = note_nodes({str(p.node.container): notes_of(p.node) for p in parts})
     if not options.pod:
         notes = notes_of(node)
+    # A launch file names its nodes: its pods may have one of this name, and need not.
+    unsure = (ROS_NAME_ANNOTATION,) if options.launch else ()
     several = first.wired.init_containers or node.is_application or len(parts) > 1
     made = deployment(
         first.release,
@@ -277,7 +279,7 @@ def node_workload(parts: Sequence[NodePart]) -> Object:
         pod_spec(parts),
         strategy=first.way.strategy,
         replicas=1 if names and options.replicas is None else node.identity.replicas,
-        annotations=notes
+        annotations={key: note for key, note in notes.items() if key not in unsure}
         | ({TEST_ANNOTATION: "true"} if options.kind == "test" else {})
         | ({SINGLETON_ANNOTATION: " ".join(names)} if names else {})
         | foxglove.note_image(options.package, first.release.distro)

@@ -80,7 +80,7 @@ def paint(dot: str, form: str, to: Path) -> None:
         raise CommandFailed(
             "pictures are drawn by Graphviz, and its program dot is not installed",
             hint="install graphviz (apt, dnf, brew), or print the graph for another"
-            " machine's Graphviz: rigel graph -o dot",
+            " machine's Graphviz: rigel graph -o dot; `rigel ui` needs neither",
         )
     with TemporaryDirectory() as folder:
         source = Path(folder, "graph.dot")

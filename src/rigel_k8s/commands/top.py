@@ -28,9 +28,19 @@ METRICS = "metrics.k8s.io/v1beta1"
 SPAN = "2m"
 
 
+#: When the exporter has looked at the graph: a scrape shows what the last look has found.
+LOOKED = "ros_exporter_last_collect_timestamp_seconds{{{0}}}"
+
+
 def growth_rate(series: str) -> str:
     """Return a counter's growth per second; of a young one between its last two scrapes."""
     return f"(rate({series}[{SPAN}]) and {series} offset {SPAN} or irate({series}[5m]))"
+
+
+def count_rate(name: str) -> str:
+    """Return how much a number that nodes count grows in a second between looks at the graph."""
+    by_look = f"on (instance) group_left max by (instance) ({growth_rate(LOOKED)} > 0)"
+    return f"{growth_rate(name)} / {by_look}"
 
 
 #: What a node itself counts of its topics.
@@ -40,8 +50,8 @@ RECEIVED = '{{{0},direction="received"}}'
 NODES = {
     "up": "max by (ros_node) (ros_node_up{{{0}}})",
     "all_up": "min by (workload) (max by (ros_node, workload) (ros_node_up{{{0}}}))",
-    "published": f"sum by (ros_node) ({growth_rate('ros_node_topic_messages_total' + SENT)})",
-    "received": f"sum by (ros_node) ({growth_rate('ros_node_topic_messages_total' + RECEIVED)})",
+    "published": f"sum by (ros_node) ({count_rate('ros_node_topic_messages_total' + SENT)})",
+    "received": f"sum by (ros_node) ({count_rate('ros_node_topic_messages_total' + RECEIVED)})",
 }
 #: By topic; topics that the exporter does not subscribe to use the nodes' own counts.
 TOPICS = {
@@ -49,8 +59,8 @@ TOPICS = {
     "subscribers": "max by (topic, type) (ros_topic_subscribers{{{0}}})",
     "heard": f"sum by (topic) ({growth_rate('ros_topic_messages_total{{{0}}}')})",
     "heard_bytes": f"sum by (topic) ({growth_rate('ros_topic_bytes_total{{{0}}}')})",
-    "counted": f"sum by (topic) ({growth_rate('ros_node_topic_messages_total' + SENT)})",
-    "counted_bytes": f"sum by (topic) ({growth_rate('ros_node_topic_bytes_total' + SENT)})",
+    "counted": f"sum by (topic) ({count_rate('ros_node_topic_messages_total' + SENT)})",
+    "counted_bytes": f"sum by (topic) ({count_rate('ros_node_topic_bytes_total' + SENT)})",
     # At the time of the scrape.
     "age": "min by (topic) (timestamp(ros_topic_last_message_timestamp_seconds{{{0}}})"
     " - ros_topic_last_message_timestamp_seconds{{{0}}})",

@@ -10,7 +10,7 @@ from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 
 #: Of a machine: its name.
 HOSTNAME = "kubernetes.io/hostname"
-#: On a Deployment and its pods: the name of the ROS node in them.
+#: On a Deployment and its pods: the name of the ROS node in them; of a launch file on pods alone.
 ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"
 #: On a Deployment and its pods: their key in `nodes`.
 NODE_ANNOTATION = "rigel-k8s/node"

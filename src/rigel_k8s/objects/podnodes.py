@@ -69,7 +69,8 @@ def _describe(meta: Mapping[str, Any], container: str, notes: Mapping[str, str])
     labels, own = meta.get("labels") or {}, dict(meta.get("annotations") or {})
     own.pop(NODES_ANNOTATION, None)
     own[SHARED_ANNOTATION] = str(labels.get(NAME_LABEL) or meta.get("name", ""))
-    return {**meta, "labels": {**labels, NAME_LABEL: container}, "annotations": {**own, **notes}}
+    own |= {key: str(note) for key, note in notes.items()}  # anyone may have written them
+    return {**meta, "labels": {**labels, NAME_LABEL: container}, "annotations": own}
 
 
 def _choose_container(spec: Mapping[str, Any], container: str) -> dict[str, Any]:

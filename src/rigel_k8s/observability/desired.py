@@ -6,7 +6,7 @@ or images that another has set.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import attrs
@@ -14,7 +14,8 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import is_default_class
-from rigel_k8s.objects.overlay import merge
+from rigel_k8s.objects.overlay import merge, pod_of
+from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.checks import check
 from rigel_k8s.observability.manifests.desired import stack_release
@@ -65,7 +66,9 @@ def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
         claims=gives_storage(cluster),
         api_servers=api_servers(cluster),
     )
-    made = pin(stack_release(stack, merged), last, cluster.nodes)
+    made = stack_release(stack, merged)
+    keep_positions(made.objects, last.objects if last else (), cluster)
+    made = pin(made, last, cluster.nodes)
     beside = [administrator_ref(where)] if stack.has_grafana else []
     return DesiredStack(stack, attrs.evolve(made, beside=frozenset(beside)))
 
@@ -97,6 +100,27 @@ def gives_storage(cluster: Cluster) -> bool:
     """Return whether a claim that names no StorageClass gets a volume."""
     classes = cluster.list("storage.k8s.io/v1", "StorageClass")
     return any(is_default_class(one) for one in classes)
+
+
+def keep_positions(made: Iterable[Manifest], last: Iterable[Manifest], cluster: Cluster) -> None:
+    """Let collectors store their position where they did before, or in their cluster's directory.
+
+    Machines of two clusters may share a disk; the UID of kube-system differs in both.
+    """
+    before = {name: there["path"] for name, there in find_positions(last)}
+    for name, there in find_positions(made):
+        if name in before:
+            there["path"] = before[name]
+        elif space := cluster.get(ObjectRef("v1", "Namespace", "", "kube-system")):
+            there["path"] += f"/{space['metadata']['uid'][:8]}"
+
+
+def find_positions(objects: Iterable[Manifest]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the names of collectors, and the path on machines at which each has its position."""
+    for made in objects:
+        for volume in pod_of(made).get("volumes") or ():
+            if volume["name"] == "positions":
+                yield made["metadata"]["name"], volume["hostPath"]
 
 
 def api_servers(cluster: Cluster) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import is_ending
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.report import Reporter
@@ -195,9 +196,21 @@ class Held:
             self.lease = now
             self.renew()
             return
-        removed = f"another process has removed {self.ref}"
-        self.successor = removed if now is None else describe(self.ref, now)
+        if now is not None:
+            self.successor = describe(self.ref, now)
+        elif self.lacks_namespace():
+            self.successor = f"the namespace {self.ref.namespace} is being deleted"
+        else:
+            self.successor = f"another process has removed {self.ref}"
         self.lost.set()
+
+    def lacks_namespace(self) -> bool:
+        """Whether the Lease's namespace has been deleted, or is being so."""
+        try:
+            space = self.cluster.get(ObjectRef("v1", "Namespace", "", self.ref.namespace))
+        except ClusterError:  # we may not see it
+            return False
+        return space is None or is_ending(space)
 
 
 @contextmanager

@@ -116,7 +116,7 @@ def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
     for item in split_all(kept):
         notes = item["metadata"].get("annotations") or {}
         inner = item["spec"].get("template", {}).get("metadata", {}).get("annotations") or {}
-        name = notes.get(ROS_NAME_ANNOTATION)
+        name = notes.get(ROS_NAME_ANNOTATION) or inner.get(ROS_NAME_ANNOTATION)
         note: dict[str, Any] = parse_json(inner.get(NETWORK_ANNOTATION), {})
         with_ros = not denies_ros(inner) and note.get("ros") != "none"
         if name and with_ros and not is_ending(item):

@@ -5,14 +5,17 @@ It is independent of their purpose; `what` names that in the errors.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import selectors
 import signal
 import subprocess
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import attrs
@@ -23,6 +26,8 @@ from rigel_k8s.errors import CommandFailed, Interrupted
 LAST_LINES = 20
 #: Seconds that a program has to end after SIGTERM.
 GRACE = 5.0
+#: Seconds that it has to end by itself when what it has started was ended: podman cleans up then.
+CLEAN_UP = 3.0
 
 _POLL = 0.2
 _COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
@@ -186,7 +191,7 @@ def _start(
 
 
 def _lines(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterator[str]:
-    """Yield lines until the output ends, the program has ended, or cancel is set."""
+    """Yield lines until the output ends, the program has ended, or cancel was set."""
     rest = b""
     for chunk in _chunks(process, cancel):
         *whole, rest = re.split(rb"[\r\n]+", rest + chunk)
@@ -199,7 +204,10 @@ def _chunks(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterat
     assert process.stdout is not None
     with selectors.DefaultSelector() as selector, process.stdout as output:
         selector.register(output, selectors.EVENT_READ)
-        while not cancel.is_set():
+        end = math.inf
+        while time.monotonic() < end:
+            if cancel.is_set() and end == math.inf:
+                end = time.monotonic() + (CLEAN_UP if _end_children(process.pid) else 0)
             if selector.select(_POLL):
                 chunk = os.read(output.fileno(), 65536)
                 if not chunk:
@@ -215,6 +223,17 @@ def _decode(text: bytes) -> str:
 
 def _clean(line: bytes) -> str:
     return _COLOUR.sub("", _decode(line)).rstrip()
+
+
+def _end_children(pid: int) -> bool:
+    """End the processes that a program has started; return whether it has any, as far as known."""
+    found = False
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):  # a thread or a child has ended meanwhile
+            for child in file.read_text().split():
+                found = True
+                os.kill(int(child), signal.SIGTERM)
+    return found
 
 
 def _end(process: subprocess.Popen[bytes], grace: float) -> None:

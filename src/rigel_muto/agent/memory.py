@@ -32,7 +32,7 @@ class Memory:
     def load(self) -> Record:
         """Return what was stored last; an empty record if nothing was."""
         live = self._cluster.get(self.ref)
-        return decode(live["data"][KEY]) if live else Record()
+        return decode((live.get("data") or {}).get(KEY, "")) if live else Record()
 
     def store(self, record: Record) -> None:
         """Store a record; when this returns, it survives the end of this process."""

@@ -9,6 +9,7 @@ import base64
 import gzip
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Literal
 
 import attrs
@@ -129,17 +130,17 @@ def decode(data: str) -> Record:
     """Return the record of a Secret's data.
 
     Raises:
-        UserError: another version of this tool wrote it.
+        UserError: another version of this tool wrote it, or someone has changed it.
     """
-    content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
-    if (found := content.pop("format", None)) != FORMAT:
-        raise UserError(
-            f"the agent's record has the format {found}, and this version reads {FORMAT}",
-            hint="use the version of rigel-k8s that wrote it, or delete the Secret",
-        )
-    wanted = Wanted(**content.pop("wanted"))
-    identities = tuple(content.pop("identities"))
-    return Record(wanted=wanted, identities=identities, **content)
+    why = "is damaged"
+    with suppress(Exception):
+        content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
+        if (found := content.pop("format", None)) == FORMAT:
+            content["identities"] = tuple(content["identities"])
+            return Record(wanted=Wanted(**content.pop("wanted")), **content)
+        why = f"has the format {found}, and this version reads {FORMAT}"
+    hint = "use the version of rigel-k8s that wrote it, or delete the Secret"
+    raise UserError(f"the agent's record {why}", hint=hint)
 
 
 def join(components: Mapping[str, str]) -> str:

@@ -114,6 +114,14 @@ def test_diff(record: Any, *, changes: bool, code: int) -> None:
     assert ("\x1b[32m+new\x1b[0m" in done.stdout) is changes
 
 
+def test_a_cluster_that_is_up_has_the_current_context(record: Any) -> None:
+    """Which may have been another one before."""
+    there = lab.ClusterStatus("a", "rigel-a", True, "s", "r:5000", "v1.37.2", (), "", "/logs")
+    record(lab.cluster, "up", there)
+    words = "Your kubeconfig's current context is rigel-a now"
+    assert words in call("cluster", "up", "--name", "a").stdout
+
+
 def test_logs_of_a_node_with_two_pods_name_the_pod(record: Any) -> None:
     """Of a failed update, say; a note is of the node."""
     pods = ("talker-1", "talker-1", "talker-2", "talker-1")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.deploy import deploy
@@ -22,6 +24,7 @@ from rigel_k8s.observability import (
 from rigel_k8s.observability.desired import (
     api_servers,
     desired_stack,
+    find_positions,
     gives_storage,
     render_stack,
 )
@@ -46,6 +49,8 @@ NOETIC = Application(distro="noetic")
 class Cluster:
     """The few answers that looking takes; what is written is kept."""
 
+    uid = "0a1b2c3d-0000-0000-0000-000000000000"
+
     def __init__(self, *objects: Mapping[str, Any], served: tuple[str, ...] = ()) -> None:
         self.objects, self.served = list(objects), served
         self.secret: dict[str, Any] | None = None
@@ -68,7 +73,8 @@ class Cluster:
         return kind in self.served
 
     def get(self, ref: Any) -> Any:
-        return self.secret if ref.kind == "Secret" else {"metadata": {"name": ref.name}}
+        found = {"metadata": {"name": ref.name, "uid": self.uid}}
+        return self.secret if ref.kind == "Secret" else found
 
     def create(self, manifest: dict[str, Any]) -> None:
         self.secret = manifest
@@ -159,6 +165,26 @@ def test_the_stack_is_where_it_is(last: dict[str, Any]) -> None:
     assert asked({}).stack.namespace == "monitoring"
     with pytest.raises(UserError, match="already has an observability stack"):
         asked({"namespace": "other"}, role("watch"))
+
+
+@pytest.mark.parametrize("name", ["otel-collector", "promtail"])
+def test_a_collector_shares_no_directory_with_another_cluster(
+    name: str, last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stays where it was: there is how far it has read, and lines that wait."""
+    request, default = {"collector": name}, f"/var/lib/rigel-{name}"
+
+    def look(made: Any) -> Any:
+        return [(who, there["path"]) for who, there in find_positions(made.desired.objects)]
+
+    assert look(render_stack(request_of(request))) == [(name, default)]
+    new = asked(request)
+    assert look(new) == [(name, f"{default}/0a1b2c3d")]
+    for earlier in (default, f"{default}/elsewhere"):
+        text = json.dumps(new.desired.objects).replace(f"{default}/0a1b2c3d", earlier)
+        kept = attrs.evolve(revision(request), objects=tuple(json.loads(text)))
+        monkeypatch.setattr(observability_wanted, "find_last_good", lambda *_, kept=kept: kept)
+        assert look(asked(request)) == [(name, earlier)]
 
 
 def test_storage_and_api_servers_are_looked_for() -> None:

@@ -13,13 +13,18 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from datetime import datetime, timezone
 from functools import cache
 from typing import Any
 
+from rigel_k8s.cli.listing import summary_table
+from rigel_k8s.cli.status import status_text
+from rigel_k8s.cli.tables import age
+from rigel_k8s.commands.pods import find_matching, pod_of
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
-from rigel_k8s.objects.podnodes import NODES_ANNOTATION
+from rigel_k8s.objects.podnodes import NODES_ANNOTATION, split_all
 from rigel_k8s.release.difference import compare_objects
 from rigel_k8s.release.history import History
 from rigel_k8s.release.listing import list_releases
@@ -37,6 +42,7 @@ from tests.support.recorder import Recorder
 from tests.support.releases import deploy, diff, down, rollback
 
 CASES = 600
+NOW = datetime(2026, 11, 24, tzinfo=timezone.utc)
 KINDS = ("Secret", "Lease", "Deployment", "Pod", "ConfigMap", "ReplicaSet")
 NETWORK, STATUS = "rigel-k8s/network", "k8s.v1.cni.cncf.io/network-status"
 BOOT, SPACE, PID, START = process().split()
@@ -147,7 +153,8 @@ def list_uses(fake: FakeCluster, chance: random.Random) -> Iterator[Callable[[],
 
     def show_history() -> None:
         known = records(fake, RELEASE)
-        History(ROS_NAME_ANNOTATION).make_entries(known)
+        for entry in History(ROS_NAME_ANNOTATION).make_entries(known):
+            age(entry.created, NOW)
         first, last = known[0].revision(), known[-1].revision()
         compare_objects(first.objects, last.objects, ("a", "b"))
 
@@ -158,13 +165,17 @@ def list_uses(fake: FakeCluster, chance: random.Random) -> Iterator[Callable[[],
         place_nodes([], found, expected_nodes(deployments))
         find_leaving(items)
         members(items)
+        pods = [pod_of(item) for item in split_all(items)]
+        find_matching(sorted(pods, key=lambda pod: (pod.workload, pod.created)), "talker")
 
     def show_status() -> None:
-        for one in status(fake, RELEASE).workloads:
+        found = status(fake, RELEASE)
+        status_text(found, NOW)
+        for one in found.workloads:
             node_entry(one, [])
 
     yield show_status
-    yield lambda: list_releases(fake, None)
+    yield lambda: summary_table(list_releases(fake, None), NOW, everywhere=True)
     yield show_history
     yield show_graph
     yield lambda: describe(lease_ref(RELEASE), fake.objects[lease_ref(RELEASE)])

@@ -244,20 +244,29 @@ def test_a_wait_ends_when_the_lease_is_lost(
     assert not release_it.is_set()
 
 
-@pytest.mark.parametrize("how", ["taken over", "deleted"])
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("taken over", "changed by ann@far"),
+        ("deleted", "another process has removed Lease n/rigel.demo"),
+        ("namespace", "the namespace n is being deleted"),
+    ],
+)
 def test_a_lease_that_is_anothers_is_lost_and_left_alone(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch, how: str
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch, how: str, said: str
 ) -> None:
     """The renewal finds another version, or none."""
     monkeypatch.setattr(locking, "RENEW", 0.01)
     other = fake.as_manager("other")
     with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
         assert not mine.lost.is_set()
+        if how == "namespace":
+            space = fake.objects[ObjectRef("v1", "Namespace", "", "n")]
+            space["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
         fake.store.objects.pop(LEASE)
         if how == "taken over":
             other.create(manifest("ann@far"))
         until(mine.lost.is_set, "loss", every=0.01)
-        said = "changed by ann@far" if how == "taken over" else "has removed Lease n/rigel.demo"
         with pytest.raises(ClusterError, match=f"Lease is lost: .*{said}"):
             mine.check()
     assert (LEASE in fake.objects) == (how == "taken over")

@@ -100,6 +100,18 @@ def test_a_crash_that_healed_before_anyone_looked_is_told(
     assert report.warnings == ["talker: container node exited with code 1\n    last words"]
 
 
+def test_the_old_pod_of_a_recreate_is_none_of_the_newest(fake: FakeCluster) -> None:
+    """Until it has ended there is no newer ReplicaSet: its crash is none of its repair."""
+    fake.apply(workload(image="app:1"))
+    fake.settle()
+    sets, pods = fake.list("apps/v1", "ReplicaSet", "n"), fake.list("v1", "Pod", "n")
+    around, live = look_around(sets, pods), fake.objects[TALKER]
+    assert around.list_newest_pods(live) == pods
+    live["spec"]["template"]["spec"]["containers"][0]["image"] = "app:2"
+    assert around.list_pods(live) == pods
+    assert around.list_newest_pods(live) == []
+
+
 def test_a_crash_is_shown_once_whatever_its_last_words(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -100,6 +100,13 @@ def test_deployments_with_pods_and_ros_promise_nodes() -> None:
     assert expected_nodes(found) == {"/a": "a"}
 
 
+def test_the_pods_of_a_launch_file_promise_a_node_where_none_is_seen() -> None:
+    """Their Deployment has no ROS name, as the launch file gives its nodes theirs."""
+    launch = deployment("bringup", **{"rigel-k8s/ros-name": "/bringup"})
+    del launch["metadata"]["annotations"]
+    assert expected_nodes([launch]) == {"/bringup": "bringup"}
+
+
 def test_what_someone_has_scaled_to_0_is_still_expected() -> None:
     """Its node is missing, as `rigel status` says."""
     stopped = {**deployment("b", 0), "kind": "Deployment"}

@@ -118,6 +118,20 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+def test_an_interrupted_program_cleans_up_what_its_child_was_for(tmp_path: Path) -> None:
+    """podman deletes the containers of a build whose step has failed, not those of its own end."""
+    cancel, up, clean = threading.Event(), tmp_path / "up", tmp_path / "clean"
+
+    def cancel_when_up() -> None:
+        wait_for(up.exists)
+        cancel.set()
+
+    threading.Thread(target=cancel_when_up, daemon=True).start()
+    with pytest.raises(Interrupted, match="the build was stopped"):
+        run(f"sleep 1000 & touch {up}; wait; echo cleaning up; touch {clean}", cancel)
+    assert clean.exists()
+
+
 @pytest.mark.parametrize("deaf", ["", "trap '' TERM; "])
 def test_cancel_ends_the_program_and_its_children(
     deaf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -670,7 +670,8 @@ def test_a_lost_cluster_is_reported(tab: Tab, served: Served) -> None:
 
 
 def test_the_log_of_a_node_is_followed(tab: Tab) -> None:
-    """By level and text; a pause keeps what comes."""
+    """By level and text; a pause keeps what comes. Before, there is no empty box."""
+    assert tab.read("document.querySelector('#log').hidden")
     click(tab, "[data-box='/imu']")
     lines = "[...document.querySelectorAll('#log .line')].filter(l => !l.hidden).length"
     tab.wait(f"{lines} === 3", "the lines")

@@ -85,6 +85,7 @@ class OrchestrationJob:
         """
         from rigel_k8s.app.deploying.part import ApplicationHooks
         from rigel_k8s.app.deploying.prepare import Request, prepare, timeout_of
+        from rigel_k8s.app.desired import point_out
         from rigel_k8s.kube import connect
         from rigel_k8s.network.multus.install import requested_multus
         from rigel_k8s.observability.install import requested_stack, stack_part
@@ -114,7 +115,7 @@ class OrchestrationJob:
         application = Part(
             desired=attrs.evolve(prepared.desired, source=str(job.application.dir)),
             timeout=timeout_of(prepared.options, job.settings),
-            place=job.place,
+            place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
         parts = [*requested_multus(prepared.options.network, cluster, job.report), application]

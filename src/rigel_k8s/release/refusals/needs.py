@@ -150,6 +150,8 @@ def explain_choice(pod: Manifest, nodes: Sequence[Manifest]) -> str:
     host = labels.get(HOSTNAME)
     if host is not None and host not in names:
         way_out = f"its machines are {list_some(sorted(filter(None, names)))}"
+        if len(labels) == 1:
+            return f"the cluster has no machine {host}; {way_out}"
     else:
         own = " ".join(f"{key}={value}" for key, value in labels.items() if key != HOSTNAME)
         way_out = f"kubectl label node {host or 'NODE'} {own}"

@@ -72,3 +72,15 @@ def test_the_record_of_another_version_is_refused() -> None:
     data = base64.b64encode(gzip.compress(json.dumps({"format": 2}).encode())).decode()
     with pytest.raises(UserError, match="format 2"):
         decode(data)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{", '{"format": 1}', '{"format": 1, "wanted": {"x": 1}, "identities": []}'],
+)
+def test_a_record_that_someone_has_changed_is_refused(text: str) -> None:
+    """With a way out, for whoever reads the agent's log."""
+    for data in (text, base64.b64encode(gzip.compress(text.encode())).decode()):
+        with pytest.raises(UserError, match="the agent's record is damaged") as caught:
+            decode(data)
+        assert "delete the Secret" in str(caught.value.hint)

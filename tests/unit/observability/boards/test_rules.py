@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from rigel_k8s.cli.main import cli
+from rigel_k8s.commands.top import NODES, TOPICS
 from rigel_k8s.observability.boards import dashboards, rules
 
 HERE = Path(__file__).parent
@@ -46,6 +48,33 @@ def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
 def test_a_rule_does_what_its_cases_say(case: Path, promtool: str) -> None:
     """Each alert comes when it should, with these words, and not in a roll-out."""
     run(promtool, "test", "rules", str(case))
+
+
+@pytest.mark.programs
+@pytest.mark.cluster  # promtool is built for one
+def test_top_shows_the_rate_whenever_the_exporter_has_looked(promtool: str, tmp_path: Path) -> None:
+    """Between two scrapes, of which there is one each 15 s, it has looked once or twice."""
+    looks = [scrape * 15 // 10 * 10 for scrape in range(41)]
+    own = 'application="demo",namespace="lab"'
+    labels = f'{own},instance="i",ros_node="/talker",topic="/chatter",direction="published"'
+    series = {
+        f"ros_node_topic_messages_total{{{labels}}}": [8 * look for look in looks],
+        f'ros_exporter_last_collect_timestamp_seconds{{{own},instance="i"}}': looks,
+    }
+    expected = [
+        {"expr": query.format(own), "eval_time": at, "exp_samples": [{"labels": who, "value": 8}]}
+        for query, who in (
+            (NODES["published"], '{ros_node="/talker"}'),
+            (TOPICS["counted"], '{topic="/chatter"}'),
+        )
+        for at in ("30s", "45s", "4m", "10m")
+    ]
+    given = [
+        {"series": name, "values": " ".join(map(str, found))} for name, found in series.items()
+    ]
+    case = {"interval": "15s", "input_series": given, "promql_expr_test": expected}
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump({"tests": [case]}))
+    run(promtool, "test", "rules", str(tmp_path / "case.yaml"))
 
 
 def test_each_alert_has_its_cases(alerts: dict[str, Any]) -> None:

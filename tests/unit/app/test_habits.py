@@ -63,13 +63,25 @@ def test_a_volume_is_not_called_as_ours(name: str) -> None:
     assert places == [("persistent_storage", "volumes", 0, "name")]
 
 
-@pytest.mark.parametrize("path", ["loki/api/v1/push", "loki/api/v1"])
-def test_the_address_of_loki_is_its_own(path: str) -> None:
+@pytest.mark.parametrize(
+    ("server", "path", "wrong"),
+    [
+        *(("loki", path, True) for path in ("loki/api/v1/push", "loki/api/v1", "otlp/v1/logs")),
+        *(("prometheus", path, True) for path in ("api/v1/query", "graph", "metrics")),
+        *((server, path, False) for server in ("loki", "prometheus") for path in ("", "below/it")),
+    ],
+)
+def test_the_address_of_a_server_is_its_own(
+    server: str,
+    path: str,
+    wrong: bool,  # noqa: FBT001 - a parameter
+) -> None:
     """The path of a request, which people paste, would be there twice."""
-    text = f"{{observability: {{enabled: true, existing: {{loki: {{url: 'http://loki:3100/{path}'}}}}}}}}"
-    (found,) = [p for p in problems(text) if p.kind == "bad-url"]
-    assert found.path == ("observability", "existing", "loki", "url")
-    assert found.message.endswith("write http://loki:3100")
+    existing = f"{{{server}: {{url: 'http://{server}:90/{path}'}}}}"
+    text = f"{{observability: {{enabled: true, existing: {existing}}}}}"
+    found = [p for p in problems(text) if p.kind == "bad-url"]
+    assert [p.path for p in found] == [("observability", "existing", server, "url")] * wrong
+    assert all(p.message.endswith(f"write http://{server}:90") for p in found)
 
 
 @pytest.mark.parametrize(

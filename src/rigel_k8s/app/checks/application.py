@@ -20,7 +20,7 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
-from rigel_k8s.app.checks.commands import check_line
+from rigel_k8s.app.checks.commands import check_line, check_probe
 from rigel_k8s.app.checks.contradictions import check_contradictions
 from rigel_k8s.app.checks.network import check_network, check_network_policy
 from rigel_k8s.app.checks.nodes import check_node
@@ -306,6 +306,7 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
         yield Problem((*path, given[-1]), message, "conflict", at_key=True)
     if readiness.command is not None:
         yield from check_line((*path, "command"), readiness.command)
+        yield from check_probe((*path, "command"), readiness.command)
 
 
 def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:

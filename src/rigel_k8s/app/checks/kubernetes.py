@@ -198,9 +198,9 @@ def check_raw(node: NodeOptions) -> Iterator[Problem]:
             near = find_nearest(field, FIELDS) or FIELDS[0]
             message = f'a variable cannot have the field "{field}", did you mean "{near}"?'
             yield Problem((*path, "fieldRef", "fieldPath"), message, "bad-field")
-    for (one, value), (other, refused) in EXCLUSIVE:
-        if node.security_context.get(one) is value and node.security_context.get(other) == refused:
-            message = f"with `{one}: {text_of(value)}` Kubernetes does not start it: remove one"
+    for (key, value), (other, refused) in EXCLUSIVE:
+        if node.security_context.get(key) is value and node.security_context.get(other) == refused:
+            message = f"with `{key}: {text_of(value)}` Kubernetes does not start it: remove one"
             yield Problem(("security_context", other), message, "conflict", at_key=True)
     capabilities = node.security_context.get("capabilities")
     for key in ("add", "drop"):

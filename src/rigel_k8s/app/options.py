@@ -132,7 +132,7 @@ class ParameterFile:
     image_file: str | None = option(
         "a file in the image; with `substitution_args` also $(find PACKAGE)/config/rates.yaml"
     )
-    namespace: RosName | None = option("ROS 1: where its parameters go, below the node's name")
+    namespace: RemapName | None = option("ROS 1: where its parameters go, below the node's name")
 
 
 @attrs.frozen(kw_only=True)

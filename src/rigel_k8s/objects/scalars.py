@@ -216,7 +216,7 @@ class RosName(Text):
 
     kind = "bad-ros-name"
     expects = "a ROS name: letters, digits, _ and /, starting with a letter or /"
-    pattern = re.compile(r"[~/]?_?[A-Za-z][A-Za-z0-9_]*(/_?[A-Za-z][A-Za-z0-9_]*)*|/")
+    pattern = re.compile(r"/?_?[A-Za-z][A-Za-z0-9_]*(/_?[A-Za-z][A-Za-z0-9_]*)*|/")
 
     @classmethod
     def parse(cls: type[R], raw: str) -> R:

@@ -154,6 +154,12 @@ def check_component(component: Component) -> Iterator[Problem]:
 
 def explain_value(name: str, value: Any) -> str | None:
     """Return why rcl has no type for a parameter's value, None if it has one."""
+    if PARAMETERS in name:
+        return (
+            f"`parameters` has names and values only: leave {PARAMETERS} and what is above it out"
+        )
+    if name.startswith("~"):
+        return f"ROS 2 has no private names of parameters: write {name.lstrip('~/')}"
     if value is None:
         return f'the parameter "{name}" has no value'
     inner = value if isinstance(value, list) else [value]
@@ -323,7 +329,8 @@ class Ros2(Generation):
     def check_parameters(self, options: ParameterOptions) -> Iterator[Problem]:
         """Yield lists and namespaces of parameters that ROS 2 does not have."""
         for key, name, value in flat_values(options.parameters):
-            if reason := explain_value(name.replace("/", "."), value):
+            full = key if key.startswith("~") else name.replace("/", ".")
+            if reason := explain_value(full, value):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
         for index, entry in enumerate(map(file_of, options.parameter_files)):
             if entry.namespace is not None:

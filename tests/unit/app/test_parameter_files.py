@@ -65,6 +65,8 @@ def test_what_a_file_lacks_is_named() -> None:
         "--- {a: {b: 1}}",
         "a: {b: 1}\n... # end",
         "# c\n\na:\n  b: 1",
+        "\ufeffa: {b: 1}\n",
+        "%YAML 1.1\n---\na: {b: 1}\n",
     ],
 )
 def test_a_plain_file_is_valid_for_any_node(text: str) -> None:
@@ -92,6 +94,11 @@ USES = [
     ("1", "args: x", "a: {1: b}", "error"),
     ("1", "args: x", "a: 2020-01-01", "error"),
     ("1", "args: x", "a: [1, b, []]", None),
+    ("1", "args: x", "a: !degrees 90\nb: !radians 3.14\nc: deg(3)", None),
+    ("1", "args: x", "n: {ros__parameters: {a: 1}}", "warning"),
+    ("1", "args: x", "a: $(find p)/b", "warning"),
+    ("2", "args: x", "a: [$(find-pkg-share p)/b, $(env C)]", "warning"),
+    ("2", "args: x", "# as $(find p)\na: $(date)", None),
 ]
 
 

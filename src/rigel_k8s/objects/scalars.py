@@ -135,6 +135,23 @@ class ObjectName(Text):
     longest = 63
 
 
+class VolumeName(ObjectName):
+    """The name of a persistent volume."""
+
+    @classmethod
+    def parse(cls, raw: str) -> VolumeName:
+        """Return the name; what docker compose writes has its own message."""
+        if found := re.fullmatch(r"([^:]+):(/[^:]*)(:\w+)?", raw):
+            source, inside = found[1], found[2]
+            other = (
+                f"{{{'host_path' if source[0] == '/' else 'name'}: {source}, mount_path: {inside}}}"
+            )
+            if source[0] in ".~":
+                other = f"`files: {{{inside}: {source}}}`"
+            raise ValueError(f'"{raw}" is not the name of a volume: write {other}')
+        return super().parse(raw)
+
+
 class DottedName(Text):
     """A name of a Kubernetes object that may contain dots: a DNS subdomain."""
 
@@ -194,7 +211,7 @@ class DevicePath(Text):
 
     kind = "bad-path"
     expects = "an absolute path such as /dev/ttyUSB0"
-    pattern = re.compile(r"/[^\0]*")
+    pattern = re.compile(r"/[^\0*?]*")
 
     @classmethod
     def parse(cls, raw: str) -> DevicePath:
@@ -203,6 +220,9 @@ class DevicePath(Text):
             path, inside = found[1], found[2]
             other = path if path == inside else f"{{path: {path}, mount_path: {inside}}}"
             raise ValueError(f'"{raw}" is not {cls.expects}: write {other}')
+        if re.fullmatch(r"[a-z0-9.-]+\.[a-z]+/\w+(=\w+)?", raw):
+            resource = raw.partition("=")[0]
+            raise ValueError(f'"{raw}" is not {cls.expects}: write {{resource: {resource}}}')
         return super().parse(raw)
 
     @property

@@ -261,6 +261,8 @@ class _Structurer:
         if len(self.problems) >= MOST_SUGGESTIONS:  # the search for a similar key takes long
             return "", None
         known = fields_by_key(cls)
+        if instead := getattr(cls, "foreign", {}).get(key):
+            return f": {instead}", None
         if owner := _find_owner(key, known):
             return f', it is an option of each entry of "{owner}"', None
         absent = [name for name in known if name not in node.value]

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
+
+from rigel_k8s.app.foreign import OF_JOBS, OF_NODES
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.rigelfile.fields import fields_by_key
 
 from .shapes import problems
 
@@ -189,8 +195,26 @@ def test_the_address_of_a_server_is_its_own(
         ("{peers: [x]}", ["only `mode: peers` reads `peers`: add it"]),
         ("{servers: 2}", ["only `mode: discovery-server` reads `servers`: add it"]),
         ("{mode: peers, peers: [x]}", []),
+        (
+            "{domain_id: 7}",
+            [
+                "macvlan, the mode by default, needs `interface` and `subnet`: add them, or"
+                " another `mode`"
+            ],
+        ),
     ],
 )
 def test_a_forgotten_mode_is_named(network: str, messages: list[str]) -> None:
     text = f"{{image: a, ros: '2', network: {network}, nodes: {{n: {{args: x}}}}}}"
     assert [p.message for p in problems(text) if p.severity == "error"] == messages
+
+
+@pytest.mark.parametrize("key", [*OF_NODES, *OF_JOBS])
+def test_a_key_of_another_file_is_none_of_ours(key: str) -> None:
+    """Else it would never be read; each leads to an option that exists, or to no key at all."""
+    for kind, foreign in ((NodeOptions, OF_NODES), (OrchestrationOptions, OF_JOBS)):
+        if key in foreign:
+            assert key not in fields_by_key(kind)
+            named = re.findall(r"`([a-z_]+)", foreign[key])
+            known = {*fields_by_key(NodeOptions), *fields_by_key(OrchestrationOptions), "distro"}
+            assert set(named) <= {*known, "application"}

@@ -243,6 +243,14 @@ def test_all_nodes_may_be_in_one_domain_of_their_own() -> None:
     assert judge(LAN, "env: {ROS_DOMAIN_ID: 42}", "jazzy", same)[0] == "-"
 
 
+def test_with_peers_all_nodes_are_in_the_domain_of_the_release() -> None:
+    """The idiom of a compose file: each service has the same variable."""
+    node = "{args: x, env: {ROS_DOMAIN_ID: 42}}"
+    found = problems(f"{{image: a, {PEERS}, nodes: {{a: {node}, b: {node}}}}}", "jazzy")
+    errors = [one.path[:2] for one in found if one.severity == "error"]
+    assert errors == [("nodes", "a"), ("nodes", "b")]
+
+
 def test_a_single_pod_may_keep_to_itself() -> None:
     """It has no one to find, and an image may start roscore itself."""
     one = "{image: a, %s, nodes: {n: {args: x, env: {%s}}}}"

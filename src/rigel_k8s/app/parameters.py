@@ -77,7 +77,7 @@ def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
     """Yield the parameters of nested mappings, names joined by /."""
     for name, value in parameters.items():
         full = f"{prefix}{str(name).lstrip('~')}"
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             yield from flat(value, f"{full}/")
         else:
             yield full, value

@@ -128,8 +128,15 @@ ROS2 = [
     (PEERS, 'args: [--ros-args, -r, "__ns:=/r1"]', "error", "`name: n, namespace: /r1`"),
     (PEERS, 'args: "--ros-args -r __node:=cam -r __ns:=/r1"', "error", "would be /r1/cam"),
     (PEERS, 'args: [--ros-args, -r, "__node:=n"]', "-", ""),
-    (PEERS, 'args: ["__node:=cam"]', "-", ""),
-    (PEERS, 'args: [--ros-args, -r, "other:__node:=cam"]', "-", ""),
+    (PEERS, 'args: ["__node:=cam"]', "error", "`name: cam`"),
+    (
+        PEERS,
+        'args: [--flag, "__ns:=/r1", --ros-args, -p, "a:=1"]',
+        "error",
+        "`name: n, namespace: /r1`",
+    ),
+    (PEERS, 'args: [--ros-args, -p, "__node:=cam"]', "-", ""),
+    (PEERS, 'args: [--ros-args, -r, "other:__node:=cam"]', "warning", "`name: cam`"),
     (PEERS, 'args: [--ros-args, -r, "a:=b", -p, "x:=1"]', "-", ""),
     (PEERS, 'args: [--ros-args, -r, "__node:=c"], anonymous: true', "warning", "all its pods"),
     (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from rigel_k8s.app.foreign import OF_JOBS, OF_NODES
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.rigelfile.fields import fields_by_key
+from tests.support.ros_names import ARGUMENTS
 
 from .shapes import problems
 
@@ -128,18 +130,19 @@ CASES = [
             ("-p, 'a:='", '"a:=" behind -p'),
             ("'a:=1'", "write -p or -r before it"),
             ("--verbose, x", 'does not know "--verbose"'),
+            ("-p, 'a:=1', -r", "-r has no value"),
         )
     ),
     *(
         ("2", ROS_ARGS % words, "", "", "")
         for words in (
-            "-p, 'a.b:=[1, 2]', -r, 'n:~/a:=/b', --remap, 'a:=~/b', --log-level, debug",
-            "--params-file, /a.yaml, -e, /x, --disable-stdout-logs, --, --verbose, x",
+            "--params-file, /a.yaml, --, --verbose, x",
             "-r, 'a:=$(NAME)', -p, 'b:={{ data.b }}'",
         )
     ),
-    ("2", "package: p, executable: e, args: '_rate:=5'", "warning", "ros-args", "-p for a"),
-    ("2", "args: 'talker chatter:=/x'", "warning", "ros-args", '"chatter:=/x" behind'),
+    ("2", "package: p, executable: e, args: '_rate:=5'", "warning", "ros-args", "form of ROS 1"),
+    ("2", "args: 'talker ~in:=/x'", "warning", "ros-args", "or -r ~/NAME"),
+    ("2", "args: 'talker chatter:=/x ~/in:=/y'", "", "", ""),
     ("2", "args: 'ros2 run xacro xacro a.xacro b:=c'", "", "", ""),
     ("2", "launch: {file: a.launch.py, args: {b: c}}", "", "", ""),
     ("1", "package: p, executable: e, args: '_rate:=5'", "", "", ""),
@@ -156,6 +159,16 @@ def test_a_habit_has_a_word(ros: str, node: str, severity: str, kind: str, words
     found = [p for p in problems(text) if p.kind in kinds]
     assert [(p.severity, p.kind) for p in found] == ([(severity, kind)] if kind else [])
     assert all(words in p.message for p in found)
+
+
+@pytest.mark.parametrize(("words", "starts"), ARGUMENTS)
+def test_arguments_of_ros2_are_those_that_rcl_reads(
+    words: list[str],
+    starts: bool,  # noqa: FBT001 - a parameter
+) -> None:
+    listed = json.dumps(["e", "--ros-args", *words])
+    found = problems(f"{{image: a, ros: '2', nodes: {{n: {{args: {listed}}}}}}}")
+    assert any(p.severity == "error" for p in found) is not starts
 
 
 @pytest.mark.parametrize(

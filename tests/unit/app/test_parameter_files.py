@@ -38,7 +38,7 @@ def test_a_file_with_which_a_node_ends_is_refused(text: str) -> None:
     assert faults[0].mark
 
 
-@pytest.mark.parametrize(("value", "read"), [*VALUES, ("null", ...), ("[a, ~]", ...)])
+@pytest.mark.parametrize(("value", "read"), [*VALUES, ("null", ...), ("[a, ~]", ...), ("{}", ...)])
 @pytest.mark.parametrize("before", ["", "/**:\n  ros__parameters:\n    "])
 def test_values_are_those_that_rcl_has_a_type_for(value: str, read: Any, before: str) -> None:
     """In a plain file and in one of nodes; of `null` rcl makes a text."""

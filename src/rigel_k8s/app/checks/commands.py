@@ -206,7 +206,9 @@ VALUED = (
     *("--log-file-name", "-e", "--enclave"),
 )
 SWITCHES = re.compile(r"--(en|dis)able-(rosout|stdout|external-lib)-logs")
-FLAG, ASSIGNED, FILLED_IN = "--ros-args", re.compile(r"[~/\w]+:="), re.compile(r"\{\{|\$\(")
+FLAG, FILLED_IN = "--ros-args", re.compile(r"\{\{|\$\(")
+#: A parameter, or a remapping of a private name. ROS 2 reads other remappings without a flag, too.
+ROS1_FORM = re.compile(r"(_[A-Za-z]|~(?!/))\w*:=")
 LAUNCH_FILE = re.compile(r"\.launch(\.\w+)?$")
 
 
@@ -284,12 +286,17 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
             option = word
         elif reads and not SWITCHES.fullmatch(word) and not FILLED_IN.search(word):
             fault = f'ROS 2 does not know "{word}" behind {FLAG}: write -p or -r before it, or --'
-        elif not reads and ASSIGNED.match(word):
-            fault = f'ROS 2 reads "{word}" behind {FLAG} -r, or -p for a parameter, only'
+        elif not reads and ROS1_FORM.match(word):
+            fault = (
+                f'"{word}" is the form of ROS 1: write {FLAG} -p NAME:=VALUE, or -r ~/NAME:=TOPIC'
+            )
             severity = "warning"
         if fault:  # it may have changed the meaning of the others
             yield Problem(line_path(node), fault, "ros-args", severity=severity, at_key=True)
             return
+    if option:
+        fault = f"{option} has no value"
+        yield Problem(line_path(node), fault, "ros-args", at_key=True)
 
 
 def explain_value(ros: Generation, option: str, value: str) -> str | None:

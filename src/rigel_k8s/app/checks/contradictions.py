@@ -532,7 +532,8 @@ def check_naming(place: Place) -> Iterator[Problem]:
     if place.key is None or place.node.launch:
         return
     line = place.ros.find_program(place.node)
-    found = {words[rule]: value for rule, value in list_rules(place.ros, line) if rule in words}
+    rules = {rule: value for rule, value in list_rules(place.ros, line) if own_part(rule) in words}
+    found = {words[own_part(rule)]: value for rule, value in rules.items()}
     if not found or any(has_template(value) or FILLED_IN.search(value) for value in found.values()):
         return
     path, expected = (*place.path, key), place.ros_name
@@ -544,10 +545,15 @@ def check_naming(place: Place) -> Iterator[Problem]:
     namespace, _, name = expected.rpartition("/")
     actual = ros_name(found.get("name", name).strip("/"), found.get("namespace", namespace) or None)
     if actual != expected:
-        sure = place.ros.takes_arguments(line)
+        sure = place.ros.takes_arguments(line) and not any(":" in rule for rule in rules)
         severity: Severity = "error" if sure else "warning"
         message = explain_name(actual, expected)
         yield Problem(path, message, KIND, severity=severity, at_key=True)
+
+
+def own_part(rule: str) -> str:
+    """Return what a rule is about; one for a node of some name may be for this one."""
+    return rule.rpartition(":")[2]
 
 
 def check_master(place: Place) -> Iterator[Problem]:
@@ -575,11 +581,11 @@ def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]
         found = re.findall(r"(?:^|\s)(__\w+):=([^\s;&|\"']+)", text)
         yield from (one for one in found if [name for name, _ in found].count(one[0]) == 1)
         return
-    reads, before = not ros.rmw, ""
+    flagged, before = False, ""
     for word in line:
         if ros.rmw and word in ("--ros-args", "--"):
-            reads = word == "--ros-args"
+            flagged = word == "--ros-args"
         name, mark, value = word.partition(":=")
-        if mark and reads and (not ros.rmw or before in ("-r", "--remap")):
+        if mark and (not flagged or before in ("-r", "--remap")):
             yield name, value
         before = word

@@ -160,7 +160,7 @@ def explain_value(name: str, value: Any) -> str | None:
         )
     if name.startswith("~"):
         return f"ROS 2 has no private names of parameters: write {name.lstrip('~/')}"
-    if value is None:
+    if value is None or isinstance(value, Mapping):  # an empty one, which is all that is left
         return f'the parameter "{name}" has no value'
     inner = value if isinstance(value, list) else [value]
     if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in inner):

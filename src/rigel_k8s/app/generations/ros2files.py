@@ -144,6 +144,8 @@ def read_nodes(
 def check_value(name: str, node: yaml.Node) -> Iterator[Fault]:
     """Yield why rcl has no type for a value."""
     if isinstance(node, yaml.MappingNode):
+        if not node.value:
+            yield Fault(f'"{name}" has no names and values: leave it out', place(node))
         for inner, value in node.value:
             yield from check_value(f"{name}.{inner.value}", value)
         return

@@ -111,6 +111,7 @@ CASES = [
     ("2", "package: p, executable: e, args: ['--name=a b', -x]", "", "", ""),
     ("2", "args: [python3, -c, 'a b', x y]", "", "", ""),
     ("2", ROS_ARGS % "'-p a:=1'", "error", "one-word", '"-p a:=1" is one word'),
+    ("2", "args: [e, '--rate 10', --ros-args, -p, 'a:=1']", "warning", "one-word", "--rate 10"),
     ("2", "args: bash -c ros2 run p e", "warning", "one-word", 'runs "ros2" without'),
     ("2", 'args: [bash, -ec, run "$@", --, a]', "", "", ""),
     ("2", "args: [bash, run.sh, -c, a, b]", "", "", ""),

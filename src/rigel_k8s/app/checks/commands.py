@@ -262,7 +262,7 @@ def check_words(node: NodeOptions) -> Iterator[Problem]:
         yield Problem(("executable",), message, "bad-command", at_key=True)
     if joined := next(filter(JOINED.fullmatch, line[bool(program) :]), None):
         message = f'"{joined}" is one word, which a program does not take apart: write two'
-        severity: Severity = "error" if FLAG in line else "warning"
+        severity: Severity = "error" if FLAG in line[: line.index(joined)] else "warning"
         yield Problem(line_path(node), message, "one-word", severity=severity, at_key=True)
     text = find_text(line if program else ())
     if text[1:] and not set(" $") & set(text[0]):

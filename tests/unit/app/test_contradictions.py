@@ -148,6 +148,9 @@ ROS2 = [
 ]
 ROS1 = [
     ("", "env: {ROS_HOSTNAME: localhost}", "error", "cannot connect to localhost"),
+    (HOST, "env: {ROS_IP: 'http://10.0.0.4'}", "error", "a protocol or a port"),
+    (HOST, "env: {ROS_HOSTNAME: 'robot:11311'}", "error", "a protocol or a port"),
+    (HOST, "env: {ROS_IP: 'fd00::4'}", "-", ""),
     ("", "env: {ROS_HOSTNAME: ''}", "error", "an empty address"),
     ("", "env: {ROS_IP: ''}", "error", "an empty address"),
     ("", "env: {ROS_MASTER_URI: 'http://ros-master:11312'}", "warning", "another master"),

@@ -438,6 +438,8 @@ def explain_address(place: Place, value: str | None, what: str) -> Verdict | Non
         where = value or "an empty address"
         message = f"other pods cannot connect to {where}, so they hear nothing of it: {advice}"
         return Verdict(message, "warning" if place.on_machine else "error")
+    if "/" in value or re.fullmatch(r"[^:]*:\d+", value):
+        return Verdict(f'"{value}" has a protocol or a port, so no node connects to it: {advice}')
     if place.on_machine or place.release.mode.attached:
         return None
     return Verdict(f"{what}: {advice}", "warning")
@@ -566,8 +568,8 @@ def check_master(place: Place) -> Iterator[Problem]:
     inside = name in SHELLS and re.search(r"\broscore\b(?!:)", " ".join(line))
     if find_host(release.master) != "localhost" and (sure or inside):
         message = (
-            f"the nodes register at {release.master}, and a second roscore ends: remove it (to use"
-            " another one, set `ros_master_uri`)"
+            f"the nodes register at {release.master}, and none at this roscore: remove it (for another"
+            " master set `ros_master_uri`)"
         )
         severity: Severity = "error" if sure else "warning"
         path = (*place.path, line_key(place.node))

@@ -568,8 +568,8 @@ def check_master(place: Place) -> Iterator[Problem]:
     inside = name in SHELLS and re.search(r"\broscore\b(?!:)", " ".join(line))
     if find_host(release.master) != "localhost" and (sure or inside):
         message = (
-            f"the nodes register at {release.master}, and none at this roscore: remove it (for another"
-            " master set `ros_master_uri`)"
+            f"the nodes register at {release.master}, and none at this roscore: remove it (for"
+            " another master set `ros_master_uri`)"
         )
         severity: Severity = "error" if sure else "warning"
         path = (*place.path, line_key(place.node))

@@ -14,7 +14,17 @@ _RESOURCES = "write `resources: {limits: {cpu: 2, memory: 1Gi, nvidia.com/gpu: 1
 OF_NODES: Mapping[str, str] = {
     **dict.fromkeys(("restart", "restartPolicy", "respawn", "required"), _AGAIN),
     **dict.fromkeys(
-        ("envFrom", "working_dir", "workingDir", "cwd", "tty", "stdin", "stdin_open"), _CONTAINER
+        (
+            "envFrom",
+            "livenessProbe",
+            "working_dir",
+            "workingDir",
+            "cwd",
+            "tty",
+            "stdin",
+            "stdin_open",
+        ),
+        _CONTAINER,
     ),
     **dict.fromkeys(("ipc", "hostIPC", "shm_size"), _MEMORY),
     **dict.fromkeys(
@@ -27,6 +37,7 @@ OF_NODES: Mapping[str, str] = {
     **dict.fromkeys(("prefix", "launch-prefix"), "write it before the program in `args`"),
     **dict.fromkeys(("container_name", "hostname"), "its key in `nodes` is its name: remove it"),
     **dict.fromkeys(("networks", "network_mode"), "write `network` of the job, or `host_network`"),
+    **dict.fromkeys(("containers", "metadata", "spec", "template"), "write it in `patch`"),
     "annotations": "write it in `patch`, at spec.template.metadata",
     "build": "a job of rigel_k8s.BuildXPlugin builds images",
     "cap_add": "write `security_context: {capabilities: {add: [SYS_NICE]}}`",

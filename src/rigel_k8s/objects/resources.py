@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
+from typing import ClassVar
 
 import attrs
 
@@ -17,6 +18,10 @@ from rigel_k8s.problems import Problem
 @attrs.frozen(kw_only=True)
 class Resources:
     """What a container requests, and its limits."""
+
+    foreign: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("cpu", "memory"), "write it below `limits`"
+    )
 
     requests: Mapping[LabelKey, Quantity] = option(
         "by resource: cpu, memory, nvidia.com/gpu ...", {}

@@ -262,7 +262,7 @@ class _Structurer:
             return "", None
         known = fields_by_key(cls)
         if instead := getattr(cls, "foreign", {}).get(key):
-            return f": {instead}", None
+            return f": {instead}", next((name for name in known if f"`{name}`" in instead), None)
         if owner := _find_owner(key, known):
             return f', it is an option of each entry of "{owner}"', None
         absent = [name for name in known if name not in node.value]

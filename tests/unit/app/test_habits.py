@@ -52,6 +52,7 @@ CASES = [
     ("2", READY % "[python3, -c, import rclpy]", "warning", "probe", "does not find rclpy"),
     ("2", READY % "test -f /a && true", "warning", "no-shell", '"&&" is a plain word'),
     ("2", READY % "[sh, -c, 'test -f /a && true']", "", "", ""),
+    ("1", "args: x, parameter_commands: {a: xacro b > c}", "warning", "no-shell", '">" is a plain'),
     ("2", READY % "[CMD, curl, localhost]", "error", "bad-command", "docker compose only"),
     ("2", HOOK % "livenessProbe: {exec: {command: [ros2, node, list]}}", "warning", "probe", ""),
     ("2", HOOK % "lifecycle: {preStop: {exec: {command: [ros2, doctor]}}}", "warning", "probe", ""),

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
-
-from rigel_k8s.app.checks.application import check
-from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.objects.podoptions import PersistentStorage, Volume
 
 from .shapes import problems
 
@@ -251,28 +245,6 @@ SIZES = [
 def test_a_size_has_its_unit(job: str, place: str) -> None:
     found = [one for one in problems(f"{{{job}}}") if one.kind == "bad-quantity"]
     assert [".".join(map(str, one.path)) for one in found] == ([place] if place else [])
-
-
-@pytest.mark.parametrize(
-    ("namespace", "name", "host_path", "warned"),
-    [
-        ("{{ data.r }}", "v", "/v", True),
-        ("{{ data.r }}", "v-{{ data.r }}", "/v", False),
-        ("{{ data.r }}", "v", None, False),
-        ("robot", "v", "/v", False),
-    ],
-)
-def test_a_volume_of_the_cluster_is_for_one_robot(
-    namespace: Any,
-    name: Any,
-    host_path: Any,
-    warned: bool,  # noqa: FBT001 - a parameter
-) -> None:
-    """The deploy of the second one would be refused."""
-    storage = PersistentStorage(volumes=[Volume(name=name, host_path=host_path)])
-    options = OrchestrationOptions(namespace=namespace, persistent_storage=storage)
-    found = [one.path[-1] for one in check(options, "noetic") if one.kind == "name-taken"]
-    assert found == (["name"] if warned else [])
 
 
 def test_roscore_has_a_container_of_its_own_name() -> None:

@@ -32,7 +32,7 @@ from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
-from rigel_k8s.app.recording import find_faults
+from rigel_k8s.app.recording import VOLUME, find_faults, is_recorder
 from rigel_k8s.app.updating import (
     is_rolling,
     requests_hand_over,
@@ -188,11 +188,15 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
             yield Problem((*path[:-1], "size"), problem, "bad-quantity")
         in_fleet = has_template(str(options.namespace or ""))
         if volume.host_path and in_fleet and not has_template(volume.name):
+            instead = f'write "{volume.name}-{{{{ data.robot }}}}"'
+            if volume.name == VOLUME and any(
+                is_recorder(one.args) for one in options.nodes.values()
+            ):
+                instead = "leave `host_path` of `record` out"
             message = (
-                f"{volume.name}-pv belongs to the whole cluster, so one robot of a fleet gets it:"
-                f' write "{volume.name}-{{{{ data.robot }}}}"'
+                f"{volume.name}-pv belongs to the whole cluster, so one robot of a fleet gets it"
             )
-            yield Problem(path, message, "name-taken", severity="warning")
+            yield Problem(path, f"{message}: {instead}", "name-taken", severity="warning")
 
 
 def check_update(

@@ -51,19 +51,23 @@ VARIABLE, COMPOSED = re.compile(r"\$\{?[A-Za-z_]"), re.compile(r"\$\{[A-Za-z_]")
 def check_line(
     path: Path, line: str | Sequence[Any], options: ParameterOptions | None = None
 ) -> Iterator[Problem]:
-    """Yield why a command line is not valid.
+    """Yield why a command line is not valid, or is one for a shell.
 
     Args:
         options: those of a line in which substitution args may be replaced.
     """
     try:
-        empty = not (split_words(line) if options is None else split(options, line))
+        words = split_words(line) if options is None else split(options, line)
     except ValueError as error:
         message = f"it cannot be split into words: {str(error).lower()}"
         yield Problem(path, message, "bad-command")
         return
-    if empty:
+    if not words:
         yield Problem(path, "the command line is empty: remove it", "bad-command")
+    elif PurePosixPath(words[0]).name not in SHELLS and (marks := OPERATORS.intersection(words)):
+        first = next(word for word in words if word in marks)
+        message = f'no shell reads it, so "{first}" is a plain word: write [bash, -c, "..."]'
+        yield Problem(path, message, "no-shell", severity="warning", at_key=True)
 
 
 def split_or_none(node: NodeOptions, line: str | Sequence[Any] | None) -> list[str]:
@@ -83,13 +87,13 @@ def runs_shell(node: NodeOptions) -> bool:
 def check_shell_words(node: NodeOptions) -> Iterator[Problem]:
     """Yield words of `args` that only a shell would act on, and none reads them."""
     words = split_or_none(node, node.args)
-    if runs_shell(node):
+    if runs_shell(node) or OPERATORS.intersection(words):
         return
-    found = [word for word in words if word in OPERATORS or VARIABLE.search(word)]
+    found = [word for word in words if VARIABLE.search(word)]
     if node.command is None and node.package is None and BUILT_IN.match("".join(words[:1])):
         found.insert(0, words[0])
     if found:
-        message = f'no shell reads args, so "{found[0]}" is a plain word: write [bash, -c, "..."]'
+        message = f'no shell reads it, so "{found[0]}" is a plain word: write [bash, -c, "..."]'
         yield Problem(("args",), message, "no-shell", severity="warning", at_key=True)
 
 
@@ -358,18 +362,14 @@ def explain_end(line: Sequence[str]) -> str | None:
 
 
 def check_probe(path: Path, command: str | Sequence[Any] | None) -> Iterator[Problem]:
-    """Yield a command of Kubernetes that no shell reads, or that does not find ROS."""
+    """Yield a command of Kubernetes that is one of docker compose, or does not find ROS."""
     try:
         words = split_words(command or [])
     except ValueError:  # reported elsewhere
         return
-    operators = [word for word in words if word in OPERATORS]
     if words[:1] in (["CMD"], ["CMD-SHELL"]):
         message = f'"{words[0]}" is for docker compose only: write what is behind it'
         yield Problem(path, message, "bad-command", at_key=True)
-    elif operators and PurePosixPath(words[0]).name not in SHELLS:
-        message = f'no shell reads it, so "{operators[0]}" is a plain word: write [sh, -c, "..."]'
-        yield Problem(path, message, "no-shell", severity="warning", at_key=True)
     else:
         instead = f"write [/bin/sh, {SCRIPTS_PATH}/exec.sh, ...], or leave it out"
         yield from check_tools(path, words, "runs without", instead)

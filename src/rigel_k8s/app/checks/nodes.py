@@ -82,7 +82,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     ros = ros.of_node(node)
     yield from check_name(key, node, ros)
     problems = list(check_command(node)) if ros.nodes else list(check_plain(node))
-    yield from problems or check_appended(node, ros)
+    yield from problems
+    if not any(problem.is_error for problem in problems):
+        yield from check_appended(node, ros)
     yield from check_program(node, ros)
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)

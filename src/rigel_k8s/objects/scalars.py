@@ -66,6 +66,15 @@ class Port(Number):
     expects = "a port: a whole number from 1 to 65535"
     least, most = 1, 65535
 
+    @staticmethod
+    def explain(raw: str) -> str:
+        """Return what to write instead of a port of docker compose, "" for another text."""
+        if not (found := re.fullmatch(r"(?:(\d+):)?(\d+)(?:/(tcp|udp))?", raw)):
+            return ""
+        other = f", service_port: {found[1]}" if found[1] not in (None, found[2]) else ""
+        other += ", protocol: UDP" if found[3] == "udp" else ""
+        return f": write {{port: {found[2]}{other}}}" if other else f": write {found[2]}"
+
 
 class Replicas(Number):
     """How many pods."""

@@ -78,6 +78,8 @@ def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
 def _find_example(node: YamlNode, kind: Any) -> str:
     """Return what to write where a mapping is expected, "" if its class has no example."""
     for member in members(unwrap(kind)):
+        if hint := getattr(member, "explain", lambda _: "")(node.raw or ""):
+            return str(hint)
         if example := getattr(member, "example", None):
             return f": write {example}"
         if is_mapping(member) and isinstance(node.value, list):

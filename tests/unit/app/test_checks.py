@@ -426,6 +426,11 @@ WRONG2 = [
     ),
     (
         "not-appendable",
+        "nodes.n.parameters",
+        "{image: a, nodes: {n: {args: ros2 topic list > /f, parameters: {a: 1}}}}",
+    ),
+    (
+        "not-appendable",
         "nodes.n.parameter_files",
         "{image: a, nodes: {n: {launch: {file: /a.py}, parameter_files: [a.yaml]}}}",
     ),

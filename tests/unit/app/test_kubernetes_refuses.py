@@ -120,6 +120,12 @@ CASES = [
         "security_context.runAsUser",
     ),
     ("", "security_context: {runAsNonRoot: true, runAsUser: 1}", "", ""),
+    (
+        "",
+        POD % "containers: [{name: ros-node, securityContext: {capabilities: {add: [CAP_A]}}}]",
+        "bad-name",
+        POD_PATH + "containers.0.securityContext.capabilities.add.0",
+    ),
     *(
         ("", f"placement: {{node: a, labels: {{kubernetes.io/hostname: {name}}}}}", kind, place)
         for name, kind, place in (
@@ -139,7 +145,7 @@ CASES = [
     ),
     (
         "",
-        "patch: {metadata: {labels: {rigel-k8s/release: a, app: a}}}",
+        "patch: {metadata: {labels: {rigel-k8s/release: a, app.kubernetes.io/part-of: a}}}",
         "fixed-field",
         "patch.metadata.labels.rigel-k8s/release",
     ),

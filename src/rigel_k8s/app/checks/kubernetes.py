@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
+from typing import Any
 
 from rigel_k8s.app.checks.schema import Place, check_value
 from rigel_k8s.app.generation import Generation
@@ -19,7 +20,7 @@ from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
-from rigel_k8s.objects.overlay import find_below, mapping
+from rigel_k8s.objects.overlay import containers_of, find_below, mapping
 from rigel_k8s.objects.podoptions import OUTSIDE, PortOptions, Volume
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH
 from rigel_k8s.option_text import has_template, text_of
@@ -198,15 +199,21 @@ def check_raw(node: NodeOptions) -> Iterator[Problem]:
             near = find_nearest(field, FIELDS) or FIELDS[0]
             message = f'a variable cannot have the field "{field}", did you mean "{near}"?'
             yield Problem((*path, "fieldRef", "fieldPath"), message, "bad-field")
+    yield from check_context(("security_context",), node.security_context)
+    for index, container in enumerate(containers_of(node.patch)):
+        path = ("patch", "spec", "template", "spec", "containers", index, "securityContext")
+        yield from check_context(path, mapping(container.get("securityContext")))
+
+
+def check_context(path: Path, context: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield parts of a securityContext that contradict each other, and names that are none."""
     for (key, value), (other, refused) in EXCLUSIVE:
-        if node.security_context.get(key) is value and node.security_context.get(other) == refused:
+        if context.get(key) is value and context.get(other) == refused:
             message = f"with `{key}: {text_of(value)}` Kubernetes does not start it: remove one"
-            yield Problem(("security_context", other), message, "conflict", at_key=True)
-    capabilities = node.security_context.get("capabilities")
+            yield Problem((*path, other), message, "conflict", at_key=True)
     for key in ("add", "drop"):
-        listed = capabilities.get(key) if isinstance(capabilities, Mapping) else None
+        listed = find_below(context, ("capabilities", key))
         for index, name in enumerate(listed if isinstance(listed, list) else ()):
             if str(name).upper().startswith("CAP_"):
                 message = f"Kubernetes' names have no CAP_: write {str(name)[4:].upper()}"
-                place = ("security_context", "capabilities", key, index)
-                yield Problem(place, message, "bad-name")
+                yield Problem((*path, "capabilities", key, index), message, "bad-name")

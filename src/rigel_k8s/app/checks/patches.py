@@ -7,7 +7,7 @@ from typing import Any
 
 from rigel_k8s.app.checks.schema import Place, check_value, show
 from rigel_k8s.image_reference import is_reference
-from rigel_k8s.objects.naming import labels
+from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.overlay import containers_of, find_below, pod_of
 from rigel_k8s.objects.scalars import ImageRef
 from rigel_k8s.option_text import has_template
@@ -21,8 +21,8 @@ POD = ("spec", "template", "spec")
 #: What identifies a workload, and its pods.
 FIXED = (
     *(("metadata", "name"), ("metadata", "namespace"), ("spec", "selector")),
-    *(("metadata", "labels", key) for key in labels("", "")),
-    *(("spec", "template", "metadata", "labels", key) for key in labels("", "")),
+    *(("metadata", "labels", key) for key in (NAME_LABEL, RELEASE_LABEL)),
+    *(("spec", "template", "metadata", "labels", key) for key in (NAME_LABEL, RELEASE_LABEL)),
 )
 
 

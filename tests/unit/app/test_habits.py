@@ -122,6 +122,7 @@ CASES = [
     ("2", "args: [bash, -c, 'A=b talker $ROBOT']", "", "", ""),
     ("2", "args: x, env: {A: '${A:-b}'}", "warning", "no-substitution", "{{ vars.NAME }}"),
     ("2", "args: x, env: {A: 'a$b', B: $(A)}", "", "", ""),
+    ("1", "args: x, env: {ROSCONSOLE_FORMAT: '[${node}]: ${message}'}", "", "", ""),
     *(
         ("2", ROS_ARGS % words, "error", "ros-args", message)
         for words, message in (

@@ -44,8 +44,8 @@ NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
 OPERATORS = frozenset(("&", "&&", "||", "|", ";", ">", ">>", "<", "2>&1"))
 #: Commands that only a shell has, and its variables.
 BUILT_IN = re.compile(r"(source|\.|export|cd)$|[A-Z_][A-Z0-9_]*=")
-#: What a shell, or docker compose, fills in.
-VARIABLE, COMPOSED = re.compile(r"\$\{?[A-Za-z_]"), re.compile(r"\$\{[A-Za-z_]")
+#: What a shell, or docker compose, fills in; ${node} is one of ROSCONSOLE_FORMAT.
+VARIABLE, COMPOSED = re.compile(r"\$\{?[A-Za-z_]"), re.compile(r"\$\{[A-Z_][A-Z0-9_]*[}:?+-]")
 
 
 def check_line(

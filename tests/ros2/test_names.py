@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.ros_names import NODES, RCL
+from tests.support.ros_names import ARGUMENTS, NODES, RCL
 from tests.support.ros_parameters import MATCHING, VALUES, WRONG
 
 from .conftest import environment
@@ -44,6 +44,31 @@ def test_rcl_accepts_what_the_table_says() -> None:
     expected = [one for _, one, _ in RCL] + [one for _, _, one in RCL] + [one for _, one in NODES]
     answers = dict(zip(rules, json.loads(asked.stdout), strict=True))
     assert answers == dict(zip(rules, expected, strict=True))
+
+
+START = """
+import json, rclpy, sys
+def starts(words):
+    context = rclpy.Context()
+    try:
+        rclpy.init(args=["--ros-args", *words], context=context)
+    except Exception:
+        return False
+    rclpy.shutdown(context=context)
+    return True
+print(json.dumps([starts(words) for words in json.load(sys.stdin)]))
+"""
+
+
+def test_rcl_starts_with_the_arguments_that_the_table_says() -> None:
+    python = str(environment("jazzy") / "bin" / "python")
+    given = json.dumps([words for words, _ in ARGUMENTS])
+    asked = subprocess.run(
+        [python, "-c", START], input=given, capture_output=True, text=True, check=True
+    )
+    expected = [(words, starts) for words, starts in ARGUMENTS]
+    found = zip((words for words, _ in ARGUMENTS), json.loads(asked.stdout), strict=True)
+    assert list(found) == expected
 
 
 READ = """

@@ -20,6 +20,18 @@ NODES = [
     *((name, True) for name in ("n", "_n", "n_", "a1", "A_b", "a" * 200)),
     *((name, False) for name in ("1n", "a__b", "a-b", "~n", "a.b", "ä", "a" * 246)),
 ]
+#: Arguments behind `--ros-args`, and whether rcl starts with them.
+ARGUMENTS = [
+    *((words, True) for words in (["-p", "a.b:=[1, 2]"], ["-p", "n:a:=1"], ["-p", "m:=a b"])),
+    *((words, True) for words in (["-r", "n:~/a:=/b"], ["--remap", "rostopic://a:=~/b"])),
+    *((words, True) for words in (["--log-level", "n:=debug"], ["-e", "/x", "--", "--own", "x"])),
+    *((words, True) for words in (["--disable-rosout-logs"], ["--enable-external-lib-logs"])),
+    (["--log-file-name", "x", "--disable-stdout-logs", "-r", "__node:=n", "--ros-args"], True),
+    *((words, False) for words in (["-r", "~a:=/b"], ["-r", "a:=/b-c"], ["-r", "a"], ["a:=1"])),
+    *((words, False) for words in (["-p", "a=1"], ["-p", "a:="], ["-p", ":=1"], ["-p", "a: 1"])),
+    *((words, False) for words in (["--own", "x"], ["--params-file=/a"], ["-r __node:=n"])),
+    *((words, False) for words in (["-p", "a:=1", "-r"], ["-p rate:=10"])),
+]
 #: A name, and whether rosgraph.names.is_legal_name has it.
 ROSGRAPH = [
     *((name, True) for name in ("input", "/input", "~input", "~/input", "a/b", "a/", "/1x", "/_x")),

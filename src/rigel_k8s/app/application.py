@@ -12,7 +12,7 @@ from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.recording import VOLUME, is_recorder
 from rigel_k8s.objects.overlay import containers_of, merge, simplify
 from rigel_k8s.objects.podoptions import Placement, Toleration
-from rigel_k8s.objects.scalars import LabelKey, LabelValue
+from rigel_k8s.objects.scalars import LabelKey, LabelValue, VolumeName
 from rigel_k8s.objects.tolerations import STAY
 from rigel_k8s.rigelfile.fields import fields_by_key
 
@@ -41,7 +41,9 @@ def application_options(options: OrchestrationOptions) -> NodeOptions:
         image=options.application_image,
         readiness=options.readiness,
         update=options.rolling_update,
-        volumes=[v.name for v in options.persistent_storage.volumes if v.name not in others],
+        volumes=[
+            VolumeName(v.name) for v in options.persistent_storage.volumes if v.name not in others
+        ],
         placement=Placement(labels=REMOTE if remote else {}),
         tolerations=list(STAYING) if remote else [],
         image_pull_policy="IfNotPresent" if remote else None,

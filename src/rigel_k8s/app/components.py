@@ -45,7 +45,7 @@ def load_components(
 def dotted(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield ROS 2's names and values of nested parameters."""
     for name, value in parameters.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             yield from dotted(value, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", unify_lists(value)

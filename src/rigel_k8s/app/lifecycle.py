@@ -56,6 +56,8 @@ def explain_no_transitions(node: NodeOptions, ros: Generation) -> str | None:
         return "a component container is not a lifecycle node"
     if is_rolling(node.update):
         return "in a rolling update the nodes of both pods would make them: use Recreate"
+    if not line and (node.args or node.command):
+        return None  # it cannot be split, which is reported
     if not line:
         return "the image's CMD takes no ROS name: set what runs with args, or package"
     if not ros.takes_arguments(line):

@@ -14,6 +14,7 @@ import attrs
 
 from rigel_k8s.app import foxglove, recording
 from rigel_k8s.app.expectations import Expectation
+from rigel_k8s.app.foreign import OF_JOBS, OF_NODES
 from rigel_k8s.app.networkpolicy import NetworkPolicy
 from rigel_k8s.app.security import Level, Security, security_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
@@ -49,6 +50,7 @@ from rigel_k8s.objects.scalars import (
     Replicas,
     RosName,
     RosUri,
+    VolumeName,
 )
 from rigel_k8s.observability.options import Observability
 from rigel_k8s.rigelfile.expansion import Extension
@@ -132,7 +134,7 @@ class ParameterFile:
     image_file: str | None = option(
         "a file in the image; with `substitution_args` also $(find PACKAGE)/config/rates.yaml"
     )
-    namespace: RosName | None = option("ROS 1: where its parameters go, below the node's name")
+    namespace: RemapName | None = option("ROS 1: where its parameters go, below the node's name")
 
 
 @attrs.frozen(kw_only=True)
@@ -193,6 +195,8 @@ class NodeOptions:
     A `kind` makes it a Job.
     """
 
+    foreign: ClassVar[Mapping[str, str]] = OF_NODES
+
     name: RosName | None = option("its ROS name, if it differs from the key")
     namespace: RosName | None = option("its ROS namespace")
     kind: Literal["task", "test"] | None = option(
@@ -249,7 +253,7 @@ class NodeOptions:
     service_type: ServiceType | None = option(
         "type of that Service (default ClusterIP: not reachable from outside of the cluster)"
     )
-    volumes: list[ObjectName | VolumeMount] = option(
+    volumes: list[VolumeName | VolumeMount] = option(
         "volumes; a name is one of persistent_storage", []
     )
     files: Mapping[MountPath, str] = option(
@@ -286,6 +290,7 @@ class OrchestrationOptions:
 
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
+    foreign: ClassVar[Mapping[str, str]] = OF_JOBS
     #: Keys that stand for nodes: our own, and those that other packages add, such as `muto`.
     expanded: ClassVar[Mapping[str, Extension]] = {
         foxglove.KEY: foxglove.EXTENSION,

@@ -11,11 +11,20 @@ import attrs
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions, ParameterFile
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.substitution_args import has_substitution
+from rigel_k8s.yaml_text import Loader
 
 #: Where parameter files are mounted.
 PARAMETERS_PATH = "/rigel-k8s-parameters"
 #: What has parameters.
 ParameterOptions: TypeAlias = NodeOptions | OrchestrationOptions
+
+
+class FileLoader(Loader):  # type: ignore[misc]  # Any: with or without LibYAML
+    """Reads a parameter file; angles have tags of rosparam's own."""
+
+
+for tag in ("!degrees", "!radians"):
+    FileLoader.add_constructor(tag, lambda loader, node: loader.construct_scalar(node))
 
 
 @attrs.frozen
@@ -68,7 +77,7 @@ def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
     """Yield the parameters of nested mappings, names joined by /."""
     for name, value in parameters.items():
         full = f"{prefix}{str(name).lstrip('~')}"
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             yield from flat(value, f"{full}/")
         else:
             yield full, value

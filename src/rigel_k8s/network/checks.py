@@ -37,6 +37,10 @@ def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
         message = f"only `mode: {meant}` reads {join_words(own_keys(network))}: add it"
         yield Problem(("network",), message, "incomplete", at_key=True)
         return
+    if network.domain_id is not None and network == Network(domain_id=network.domain_id):
+        message = f"{mode.name}, the mode by default, needs `interface` and `subnet`: add them, or"
+        yield Problem(("network",), f"{message} another `mode`", "incomplete", at_key=True)
+        return
     yield from check_keys(network)
     yield from check_domain(network, use.ros)
     if not use.ros.dds and not mode.with_master:

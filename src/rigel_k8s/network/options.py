@@ -3,7 +3,8 @@
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
 import attrs
 
@@ -47,6 +48,8 @@ class Install:
 @attrs.frozen(kw_only=True)
 class Network:
     """How pods reach and discover each other."""
+
+    foreign: ClassVar[Mapping[str, str]] = dict.fromkeys(("name", "type"), "write `mode`")
 
     mode: ModeName = option(
         "macvlan or attachment: a second interface by Multus; peers, discovery-server or zenoh:"

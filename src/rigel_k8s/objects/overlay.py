@@ -123,9 +123,16 @@ def list_mappings(value: Any) -> Iterator[Mapping[str, Any]]:
     yield from (one for one in items if isinstance(one, Mapping))
 
 
+def find_below(tree: Any, path: Sequence[str]) -> Any:
+    """Return what is at a path of mappings, None if nothing is."""
+    for key in path:
+        tree = mapping(tree).get(key)
+    return tree
+
+
 def pod_of(tree: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the spec of the pods of a part of a Deployment."""
-    return mapping(mapping(mapping(tree.get("spec")).get("template")).get("spec"))
+    return mapping(find_below(tree, ("spec", "template", "spec")))
 
 
 def containers_of(tree: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -45,6 +45,12 @@ OUTSIDE = ("NodePort", "LoadBalancer")
 class Readiness:
     """When a pod counts as ready."""
 
+    foreign: ClassVar[Mapping[str, str]] = {
+        "exec": "write `command`",
+        "httpGet": "write `command: [curl, -f, URL]`, or `port`",
+        "tcpSocket": "write `port`",
+    }
+
     command: str | list[str] | None = option("a command that exits 0 when ready: words or a list")
     file: MountPath | None = option("a file that exists when ready, such as /tmp/ready")
     port: Port | None = option("a TCP port at which it accepts connections when ready")
@@ -73,6 +79,7 @@ class RollingUpdate:
     """How pods of a new revision replace the old ones."""
 
     example: ClassVar[str] = "{strategy: STRATEGY}"
+    foreign: ClassVar[Mapping[str, str]] = {"type": "write `strategy`"}
 
     strategy: (
         Literal["HandOver", "Rolling", "RollingUpdate", "Recreate"]
@@ -143,6 +150,13 @@ class EnvVar:
 class PortOptions:
     """A port that others reach through a Service of the node's name."""
 
+    foreign: ClassVar[Mapping[str, str]] = {
+        "containerPort": "write `port`",
+        "targetPort": "write `port`, and `service_port` for that of the Service",
+        "hostPort": "write `host_network` at the node",
+        "nodePort": "Kubernetes chooses it: remove it, or write a Service of your own",
+    }
+
     name: PortName | None = option("the port's name")
     port: Port = required_field("the port of the container")
     service_port: Port | None = option("the Service's port if it differs")
@@ -188,6 +202,10 @@ class Machines:
     """The Kubernetes nodes that a pod may run on."""
 
     example: ClassVar[str] = "{node: robot-1}"
+    foreign: ClassVar[Mapping[str, str]] = {
+        "nodeName": "write `node`",
+        "nodeSelector": "write `labels`",
+    }
 
     node: DottedName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
     labels: Mapping[LabelKey, LabelValue] = option("labels that the Kubernetes node must have", {})

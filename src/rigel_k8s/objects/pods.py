@@ -23,7 +23,7 @@ MASTER_PORT = 11311
 MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
 #: The port for the calls of nodes that hand over their names, and that of roscore behind the gate.
 GATE_PORT, ROSCORE_PORT = 11310, 11312
-GATE_CONTAINER = "gate"
+GATE_CONTAINER, MASTER_CONTAINER = "gate", "ros-master-container"
 
 #: A probe that never gives up: a node may wait a long time for its hardware or its master.
 FOR_EVER = 2**31 - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
+from typing import ClassVar
 
 import attrs
 
@@ -18,6 +19,10 @@ from rigel_k8s.problems import Problem
 class Resources:
     """What a container requests, and its limits."""
 
+    foreign: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("cpu", "memory"), "write it below `limits`"
+    )
+
     requests: Mapping[LabelKey, Quantity] = option(
         "by resource: cpu, memory, nvidia.com/gpu ...", {}
     )
@@ -25,22 +30,32 @@ class Resources:
 
 
 def check_resources(resources: Resources) -> Iterator[Problem]:
-    """Yield memory that no container can start with, and requests above their limits."""
+    """Yield memory without its unit, and requests that do not fit their limits."""
     requests, limits = resources.requests, resources.limits
-    memory = LabelKey("memory")
     wrong = set()
-    for place, chosen in (("requests", requests), ("limits", limits)):
-        if problem := explain_few_bytes(chosen.get(memory)):
-            yield Problem(("resources", place, memory), problem, "bad-quantity")
-            wrong.add(memory)
-    for name, limit in limits.items():
-        asked = requests.get(name, limit)
-        if name in wrong or has_template(asked + limit):
+    for name in map(LabelKey, ("memory", "ephemeral-storage")):
+        for place, chosen in (("requests", requests), ("limits", limits)):
+            if problem := explain_few_bytes(chosen.get(name)):
+                yield Problem(("resources", place, str(name)), problem, "bad-quantity")
+                wrong.add(name)
+    for name in dict.fromkeys((*limits, *requests)):
+        limit = limits.get(name)
+        asked = requests.get(name, limit or Quantity())
+        if name in wrong or has_template(f"{asked}{limit}"):
             continue
-        if parse_quantity(asked) <= parse_quantity(limit):
-            continue
-        message = f"{asked} is more than the limit, {limit}: request less, or raise limits.{name}"
-        yield Problem(("resources", "requests", str(name)), message, "conflict")
+        most = None if limit is None else parse_quantity(limit)
+        path = ("resources", "requests", str(name))
+        if ("/" in name or name.startswith("hugepages-")) and parse_quantity(asked) != most:
+            message = f"{name} needs a limit, and requests the same: write it below `limits` only"
+            yield Problem(path, message, "conflict", at_key=True)
+        elif "/" in name and most and most % 1:
+            message = f"{limit} of {name} is not a whole number: nothing has a part of one"
+            yield Problem(("resources", "limits", str(name)), message, "bad-quantity")
+        elif most is not None and parse_quantity(asked) > most:
+            message = (
+                f"{asked} is more than the limit, {limit}: request less, or raise limits.{name}"
+            )
+            yield Problem(path, message, "conflict")
 
 
 def explain_few_bytes(memory: Quantity | None) -> str | None:

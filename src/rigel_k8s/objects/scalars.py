@@ -66,6 +66,15 @@ class Port(Number):
     expects = "a port: a whole number from 1 to 65535"
     least, most = 1, 65535
 
+    @staticmethod
+    def explain(raw: str) -> str:
+        """Return what to write instead of a port of docker compose, "" for another text."""
+        if not (found := re.fullmatch(r"(?:(\d+):)?(\d+)(?:/(tcp|udp))?", raw)):
+            return ""
+        other = f", service_port: {found[1]}" if found[1] not in (None, found[2]) else ""
+        other += ", protocol: UDP" if found[3] == "udp" else ""
+        return f": write {{port: {found[2]}{other}}}" if other else f": write {found[2]}"
+
 
 class Replicas(Number):
     """How many pods."""
@@ -135,6 +144,23 @@ class ObjectName(Text):
     longest = 63
 
 
+class VolumeName(ObjectName):
+    """The name of a persistent volume."""
+
+    @classmethod
+    def parse(cls, raw: str) -> VolumeName:
+        """Return the name; what docker compose writes has its own message."""
+        if found := re.fullmatch(r"([^:]+):(/[^:]*)(:\w+)?", raw):
+            source, inside = found[1], found[2]
+            other = (
+                f"{{{'host_path' if source[0] == '/' else 'name'}: {source}, mount_path: {inside}}}"
+            )
+            if source[0] in ".~":
+                other = f"`files: {{{inside}: {source}}}`"
+            raise ValueError(f'"{raw}" is not the name of a volume: write {other}')
+        return super().parse(raw)
+
+
 class DottedName(Text):
     """A name of a Kubernetes object that may contain dots: a DNS subdomain."""
 
@@ -194,7 +220,7 @@ class DevicePath(Text):
 
     kind = "bad-path"
     expects = "an absolute path such as /dev/ttyUSB0"
-    pattern = re.compile(r"/[^\0]*")
+    pattern = re.compile(r"/[^\0*?]*")
 
     @classmethod
     def parse(cls, raw: str) -> DevicePath:
@@ -203,6 +229,9 @@ class DevicePath(Text):
             path, inside = found[1], found[2]
             other = path if path == inside else f"{{path: {path}, mount_path: {inside}}}"
             raise ValueError(f'"{raw}" is not {cls.expects}: write {other}')
+        if re.fullmatch(r"[a-z0-9.-]+\.[a-z]+/\w+(=\w+)?", raw):
+            resource = raw.partition("=")[0]
+            raise ValueError(f'"{raw}" is not {cls.expects}: write {{resource: {resource}}}')
         return super().parse(raw)
 
     @property
@@ -216,7 +245,7 @@ class RosName(Text):
 
     kind = "bad-ros-name"
     expects = "a ROS name: letters, digits, _ and /, starting with a letter or /"
-    pattern = re.compile(r"[~/]?_?[A-Za-z][A-Za-z0-9_]*(/_?[A-Za-z][A-Za-z0-9_]*)*|/")
+    pattern = re.compile(r"/?_?[A-Za-z][A-Za-z0-9_]*(/_?[A-Za-z][A-Za-z0-9_]*)*|/")
 
     @classmethod
     def parse(cls: type[R], raw: str) -> R:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import attrs
 
-from rigel_k8s.objects.resources import check_resources
+from rigel_k8s.objects.resources import check_resources, explain_few_bytes
 from rigel_k8s.observability.options import (
     DEFAULT_COLLECTOR,
     Component,
@@ -17,6 +18,8 @@ from rigel_k8s.observability.options import (
 )
 from rigel_k8s.problems import Problem
 
+#: The paths of requests, which people paste.
+REQUEST = re.compile(r"/(loki/api|otlp|api/v\d|graph|ready|metrics)\b.*")
 #: Seconds: Loki's index has a part for each day, and Loki deletes whole parts.
 DAY = 86_400
 
@@ -32,6 +35,9 @@ def check(options: Observability) -> Iterator[Problem]:
     for name, part in attrs.asdict(options, recurse=False).items():
         if isinstance(part, Program):
             yield from (one.under((name,)) for one in check_resources(part.resources))
+        kept = getattr(part, "persistence", None)
+        if kept and (problem := explain_few_bytes(kept.size)):
+            yield Problem((name, "persistence", "size"), problem, "bad-quantity")
 
 
 def check_helm(options: Observability) -> Iterator[Problem]:
@@ -86,11 +92,13 @@ def check_collector(options: Observability) -> Iterator[Problem]:
 
 
 def check_address(options: Observability) -> Iterator[Problem]:
-    """Yield the URL of Loki's push in place of its own: rigel would add the path once more."""
-    loki = options.existing and options.existing.loki
-    if loki and (base := loki.url.partition("/loki/api/")[0]) != loki.url:
-        message = f"it is Loki's own URL, without the path of a request: write {base}"
-        yield Problem(("existing", "loki", "url"), message, "bad-url")
+    """Yield the URL of a request in place of a server's own: rigel adds the path itself."""
+    for name in ("loki", "prometheus"):
+        part = options.existing and getattr(options.existing, name)
+        url = str(getattr(part, "url", None) or "")
+        if (base := REQUEST.sub("", url)) != url:
+            message = f"it is the server's own URL, without the path of a request: write {base}"
+            yield Problem(("existing", name, "url"), message, "bad-url")
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:

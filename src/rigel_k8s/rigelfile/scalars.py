@@ -24,6 +24,7 @@ from rigel_k8s.rigelfile.fields import (
 from rigel_k8s.rigelfile.findings import find_nearest, name_nearest
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 _WHOLE = re.compile(r"[+-]?\d+")
 _BOOLEANS = {
     **dict.fromkeys(("true", "yes", "on"), True),
@@ -77,6 +78,8 @@ def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
 def _find_example(node: YamlNode, kind: Any) -> str:
     """Return what to write where a mapping is expected, "" if its class has no example."""
     for member in members(unwrap(kind)):
+        if hint := getattr(member, "explain", lambda _: "")(node.raw or ""):
+            return str(hint)
         if example := getattr(member, "example", None):
             return f": write {example}"
         if is_mapping(member) and isinstance(node.value, list):
@@ -136,9 +139,21 @@ def _number(node: YamlNode, kind: Any) -> float:
 
 
 def _refuse_base_60(node: YamlNode) -> None:
-    """Refuse 22:30, which YAML 1.1 reads as 1350."""
-    if isinstance(node.value, int | float) and ":" in (node.raw or ""):
-        raise Mismatch(f"{node.raw} is {node.value} in YAML: write that, or quote it if it is text")
+    if isinstance(node.value, int | float) and (trap := find_trap(node)):
+        raise Mismatch(trap)
+
+
+def find_trap(node: YamlNode) -> str | None:
+    """Return what YAML 1.1 makes of a number: of 22:30 it is 1350, and of 1e-3 a text."""
+    raw, span = node.raw or "", node.defined_at or node.span
+    if isinstance(node.value, int | float) and ":" in raw:
+        return f"{raw} is {node.value} in YAML: write that, or quote it if it is text"
+    is_quoted = span.end_column - span.column != len(raw)
+    if isinstance(node.value, str) and _EXPONENT.fullmatch(raw) and not is_quoted:
+        number = repr(float(raw))
+        shown = number if "." in number else number.replace("e", ".0e")
+        return f"{raw} is text in YAML: write {shown}, or quote it"
+    return None
 
 
 def _boolean(node: YamlNode) -> bool:

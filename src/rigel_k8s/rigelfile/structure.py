@@ -35,6 +35,7 @@ from rigel_k8s.rigelfile.scalars import (
     choose_by_keys,
     find_ambiguity,
     find_candidates,
+    find_trap,
     is_a,
     is_yes_or_no,
     mismatch,
@@ -173,7 +174,7 @@ class _Structurer:
         if node.hole:
             return self._fill_hole(node, kind, path)
         if kind is Any or kind is object:
-            self._note_holes(node, path)
+            self._note_holes(node, path, traps=bool(path))
             return strip_places(node)
         kinds = members(kind)
         if len(kinds) > 1:
@@ -204,11 +205,13 @@ class _Structurer:
         self.doubts.missing.append(path)
         return node.value if kind is Any else _UNKNOWN
 
-    def _note_holes(self, node: YamlNode, path: Path) -> None:
+    def _note_holes(self, node: YamlNode, path: Path, *, traps: bool) -> None:
         if node.hole:
             self.doubts.texts.append(path)
+        elif traps and (trap := find_trap(node)):
+            self._report(path, trap, "wrong-type")
         for step, child in node.entries():
-            self._note_holes(child, (*path, step))
+            self._note_holes(child, (*path, step), traps=traps)
 
     # Containers
 
@@ -258,6 +261,8 @@ class _Structurer:
         if len(self.problems) >= MOST_SUGGESTIONS:  # the search for a similar key takes long
             return "", None
         known = fields_by_key(cls)
+        if instead := getattr(cls, "foreign", {}).get(key):
+            return f": {instead}", next((name for name in known if f"`{name}`" in instead), None)
         if owner := _find_owner(key, known):
             return f', it is an option of each entry of "{owner}"', None
         absent = [name for name in known if name not in node.value]

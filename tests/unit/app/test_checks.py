@@ -395,7 +395,9 @@ def test_what_has_an_effect_is_not_warned_of(text: str) -> None:
 
 def test_requests_up_to_the_limits_are_right() -> None:
     """0 requests nothing, and one number may be written in two ways."""
-    resources = "{requests: {memory: 0, cpu: 0.5, a/b: 1}, limits: {memory: 1Mi, cpu: 500m}}"
+    resources = (
+        "{requests: {memory: 0, cpu: 0.5, a/b: 1}, limits: {memory: 1Mi, cpu: 500m, a/b: 1}}"
+    )
     assert told(f"{{image: a, nodes: {{n: {{resources: {resources}}}}}}}", "error") == set()
 
 
@@ -421,6 +423,11 @@ WRONG2 = [
         "not-appendable",
         "nodes.n.parameters",
         "{image: a, nodes: {n: {args: ros2 topic list, parameters: {a: 1}}}}",
+    ),
+    (
+        "not-appendable",
+        "nodes.n.parameters",
+        "{image: a, nodes: {n: {args: ros2 topic list > /f, parameters: {a: 1}}}}",
     ),
     (
         "not-appendable",

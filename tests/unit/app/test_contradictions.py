@@ -97,13 +97,46 @@ ROS2 = [
         "-",
         "",
     ),
+    (PEERS, "args: [tini, --, bash, -c, ROS_DOMAIN_ID=42 talker]", "error", "domain_id: 42"),
+    *(
+        (PEERS, f"env: {{RMW_IMPLEMENTATION: {wrong}}}", "error", f"write {right}")
+        for wrong, right in (
+            ("rmw_cyclonedds", "rmw_cyclonedds_cpp"),
+            ("rmw_fastdds_cpp", "rmw_fastrtps_cpp"),
+            ("rmw_zenoh", "rmw_zenoh_cpp"),
+        )
+    ),
+    (PEERS, "env: {RMW_IMPLEMENTATION: rmw_connextdds}", "-", ""),
+    (PEERS, "env: {FASTDDS_BUILTIN_TRANSPORTS: UDPv6}", "error", "look for each other by IPv4"),
+    (NONE, "env: {FASTDDS_BUILTIN_TRANSPORTS: UDPv6}", "-", ""),
+    (PEERS, "env: {CYCLONEDDS_URI: file:///c.xml}", "warning", "replaces file:///rigel-k8s"),
+    (LAN, "env: {CYCLONEDDS_URI: <CycloneDDS/>}", "warning", "cyclonedds.xml, by which"),
+    (f"{PEERS}, middleware: fastdds", "env: {CYCLONEDDS_URI: file:///c.xml}", "-", ""),
+    (HOST, "env: {CYCLONEDDS_URI: file:///c.xml}", "-", ""),
+    (
+        PEERS,
+        "env: {CYCLONEDDS_URI: 'file:///rigel-k8s-network/cyclonedds.xml,file:///c.xml'}",
+        "-",
+        "",
+    ),
+    (LAN, "env: {FASTRTPS_DEFAULT_PROFILES_FILE: /f.xml}", "warning", "fastdds.xml"),
+    (PEERS, "env: {FASTRTPS_DEFAULT_PROFILES_FILE: /f.xml}", "-", ""),
+    (LAN, "env: {FASTDDS_DEFAULT_PROFILES_FILE: /f.xml}", "-", ""),
+    (LAN, "ros: none, env: {FASTDDS_DEFAULT_PROFILES_FILE: /f.xml}", "warning", "fastdds.xml"),
     (PEERS, 'args: [--ros-args, -r, "__node:=cam"]', "error", "`name: cam`"),
     (PEERS, 'args: [--ros-args, --remap, "__name:=cam"]', "error", "`name: cam`"),
     (PEERS, 'args: [--ros-args, -r, "__ns:=/r1"]', "error", "`name: n, namespace: /r1`"),
     (PEERS, 'args: "--ros-args -r __node:=cam -r __ns:=/r1"', "error", "would be /r1/cam"),
     (PEERS, 'args: [--ros-args, -r, "__node:=n"]', "-", ""),
-    (PEERS, 'args: ["__node:=cam"]', "-", ""),
-    (PEERS, 'args: [--ros-args, -r, "other:__node:=cam"]', "-", ""),
+    (PEERS, 'args: ["__node:=cam"]', "error", "`name: cam`"),
+    (
+        PEERS,
+        'args: [--flag, "__ns:=/r1", --ros-args, -p, "a:=1"]',
+        "error",
+        "`name: n, namespace: /r1`",
+    ),
+    (PEERS, 'args: [--ros-args, -p, "__node:=cam"]', "-", ""),
+    (PEERS, 'args: [--ros-args, -r, "other:__node:=cam"]', "warning", "`name: cam`"),
     (PEERS, 'args: [--ros-args, -r, "a:=b", -p, "x:=1"]', "-", ""),
     (PEERS, 'args: [--ros-args, -r, "__node:=c"], anonymous: true', "warning", "all its pods"),
     (
@@ -115,6 +148,12 @@ ROS2 = [
 ]
 ROS1 = [
     ("", "env: {ROS_HOSTNAME: localhost}", "error", "cannot connect to localhost"),
+    (HOST, "env: {ROS_IP: 'http://10.0.0.4'}", "error", "a protocol or a port"),
+    (HOST, "env: {ROS_HOSTNAME: 'robot:11311'}", "error", "a protocol or a port"),
+    (HOST, "env: {ROS_IP: 'fd00::4'}", "-", ""),
+    ("", "env: {ROS_HOSTNAME: ''}", "error", "an empty address"),
+    ("", "env: {ROS_IP: ''}", "error", "an empty address"),
+    ("", "env: {ROS_MASTER_URI: 'http://ros-master:11312'}", "warning", "another master"),
     ("", "env: {ROS_HOSTNAME: driver}", "warning", "does not resolve"),
     (HOST, "env: {ROS_HOSTNAME: localhost}", "warning", "cannot connect"),
     (HOST, "env: {ROS_HOSTNAME: robot.local}", "-", ""),
@@ -180,10 +219,46 @@ def test_what_defeats_ros1_is_reported(job: str, node: str, severity: str, words
     assert words in message
 
 
+#: A job of ROS 1, a node, and the severity and place of what is wrong with its master.
+MASTERS = [
+    ("", "args: roscore", ("error", "nodes.n.args")),
+    ("", "command: [/opt/ros/noetic/bin/roscore]", ("error", "nodes.n.command")),
+    ("", "args: [bash, -c, 'roscore & rosrun p e']", ("warning", "nodes.n.args")),
+    ("ros_master_uri: 'http://robot:11311'", "args: roscore", ("error", "nodes.n.args")),
+    ("", "args: [bash, -c, 'wait-for roscore:11311; rosrun p e']", None),
+    ("", "args: [wait-for, roscore]", None),
+    ("", "ros: none, args: roscore", None),
+    ("deploy_ros_master: false", "args: roscore", None),
+    ("ros_master_uri: 'http://localhost:11311'", "args: x", ("error", "ros_master_uri")),
+    ("ros_master_uri: 'http://localhost:11311', network: host", "args: x", None),
+    ("ros_master_uri: 'http://robot:11311'", "args: x", None),
+]
+
+
+@pytest.mark.parametrize(("job", "node", "expected"), MASTERS)
+def test_there_is_one_master_that_pods_reach(
+    job: str, node: str, expected: tuple[str, str] | None
+) -> None:
+    """The roscore of a compose file would end, as the nodes have another one."""
+    text = f"{{image: a, {job}{',' * bool(job)} nodes: {{n: {{{node}}}, b: {{args: x}}}}}}"
+    kinds = (KIND, "two-masters")
+    found = [one for one in problems(text, "noetic") if one.kind in kinds]
+    places = [(one.severity, ".".join(map(str, one.path))) for one in found]
+    assert places == ([expected] if expected else [])
+
+
 def test_all_nodes_may_be_in_one_domain_of_their_own() -> None:
     """On a wire they find each other in any; with peers they do not."""
     same = "b: {args: x, env: {ROS_DOMAIN_ID: 42}}"
     assert judge(LAN, "env: {ROS_DOMAIN_ID: 42}", "jazzy", same)[0] == "-"
+
+
+def test_with_peers_all_nodes_are_in_the_domain_of_the_release() -> None:
+    """The idiom of a compose file: each service has the same variable."""
+    node = "{args: x, env: {ROS_DOMAIN_ID: 42}}"
+    found = problems(f"{{image: a, {PEERS}, nodes: {{a: {node}, b: {node}}}}}", "jazzy")
+    errors = [one.path[:2] for one in found if one.severity == "error"]
+    assert errors == [("nodes", "a"), ("nodes", "b")]
 
 
 def test_a_single_pod_may_keep_to_itself() -> None:

@@ -38,7 +38,7 @@ def test_a_file_with_which_a_node_ends_is_refused(text: str) -> None:
     assert faults[0].mark
 
 
-@pytest.mark.parametrize(("value", "read"), [*VALUES, ("null", ...), ("[a, ~]", ...)])
+@pytest.mark.parametrize(("value", "read"), [*VALUES, ("null", ...), ("[a, ~]", ...), ("{}", ...)])
 @pytest.mark.parametrize("before", ["", "/**:\n  ros__parameters:\n    "])
 def test_values_are_those_that_rcl_has_a_type_for(value: str, read: Any, before: str) -> None:
     """In a plain file and in one of nodes; of `null` rcl makes a text."""
@@ -65,6 +65,8 @@ def test_what_a_file_lacks_is_named() -> None:
         "--- {a: {b: 1}}",
         "a: {b: 1}\n... # end",
         "# c\n\na:\n  b: 1",
+        "\ufeffa: {b: 1}\n",
+        "%YAML 1.1\n---\na: {b: 1}\n",
     ],
 )
 def test_a_plain_file_is_valid_for_any_node(text: str) -> None:
@@ -92,6 +94,11 @@ USES = [
     ("1", "args: x", "a: {1: b}", "error"),
     ("1", "args: x", "a: 2020-01-01", "error"),
     ("1", "args: x", "a: [1, b, []]", None),
+    ("1", "args: x", "a: !degrees 90\nb: !radians 3.14\nc: deg(3)", None),
+    ("1", "args: x", "n: {ros__parameters: {a: 1}}", "warning"),
+    ("1", "args: x", "a: $(find p)/b", "warning"),
+    ("2", "args: x", "a: [$(find-pkg-share p)/b, $(env C)]", "warning"),
+    ("2", "args: x", "# as $(find p)\na: $(date)", None),
 ]
 
 

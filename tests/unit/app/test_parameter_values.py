@@ -19,6 +19,20 @@ CASES = [
         "nodes.n.parameters.n",
         "numbers of 32 bits",
     ),
+    *(
+        ("jazzy", node, "bad-parameter", f"nodes.n.{place}", "leave ros__parameters")
+        for node, place in (
+            ("parameters: {ros__parameters: {a: 1}}", "parameters.ros__parameters"),
+            ("parameters: {n: {ros__parameters: {a: 1}}}", "parameters.n"),
+            ("parameters: {/**: {ros__parameters: {a: 1}}}", "parameters./**"),
+            (
+                "components: {c: {package: p, plugin: b, parameters: {ros__parameters: {a: 1}}}}",
+                "components.c.parameters.ros__parameters",
+            ),
+        )
+    ),
+    ("jazzy", "parameters: {~a: 1}", "bad-parameter", "nodes.n.parameters.~a", "write a"),
+    ("noetic", "parameters: {_a: 1}", "bad-ros-name", "nodes.n.parameters._a", "write a"),
 ]
 
 
@@ -31,3 +45,9 @@ def test_an_input_has_this_problem(
     found = [p for p in problems(text, distro) if p.severity == "error"]
     assert [(p.kind, ".".join(map(str, p.path))) for p in found] == [(kind, place)]
     assert words in found[0].message
+
+
+@pytest.mark.parametrize("node", ["parameters: {~a: 1, /b: 1}", "parameters: {a_b: 1}"])
+def test_a_private_name_of_ros1_is_one(node: str) -> None:
+    found = problems(f"{{image: r:1, nodes: {{n: {{{NODE}, {node}}}}}}}", "noetic")
+    assert [p for p in found if p.severity == "error"] == []

@@ -226,6 +226,28 @@ def test_a_wrong_value_of_a_stack_is_reported_in_the_stack(tmp_path: Path) -> No
     ]
 
 
+@pytest.mark.parametrize(
+    ("node", "kind"),
+    [
+        ({"env": [{"name": "ROS_DOMAIN_ID", "value": "42"}]}, "contradiction"),
+        ({"remap": [{"from": "~input", "to": "/x"}]}, "bad-ros-name"),
+        ({"param": [{"name": "a", "value": []}]}, "bad-parameter"),
+        ({"param": [{"name": "ros__parameters", "value": {"a": 1}}]}, "bad-parameter"),
+        ({"args": "--ros-args -r __node:=cam"}, "contradiction"),
+        ({"args": "_rate:=5"}, "ros-args"),
+        ({"exec": "a.launch.py"}, "bad-command"),
+        ({"remap": [{"from": "~/input", "to": "/x"}]}, None),
+    ],
+)
+def test_what_ros2_would_not_do_is_reported_in_the_stack(
+    tmp_path: Path, node: dict[str, Any], kind: str | None
+) -> None:
+    own = {"name": "talker", "pkg": "demo", "exec": "talker", **node}
+    path = write(tmp_path, own, LISTENER, ros="2", network="peers")
+    found = [(file, one) for file, _, one, _ in findings(path)]
+    assert found == ([("stack.json", kind)] if kind else [])
+
+
 def test_a_wrong_value_beside_the_stack_is_reported_in_the_rigelfile(tmp_path: Path) -> None:
     own = {"talker": {"args": "x", "replicas": 2}}
     assert findings(write(tmp_path, TALKER, nodes=own)) == [

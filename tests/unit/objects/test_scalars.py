@@ -41,8 +41,9 @@ GOOD = {
     "LabelValue": ["", "a", "A_b.c-1"],
     "EnvName": ["A", "_a1"],
     "MountPath": ["/", "/a/b c"],
+    "VolumeName": ["a", "maps-1"],
     "DevicePath": ["/dev/a", "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"],
-    "RosName": ["a", "/a/b_1", "~a", "/", "/a/_action/status"],
+    "RosName": ["a", "/a/b_1", "/", "/a/_action/status"],
     "RemapName": ["a", "/a/b_1", "~a", "~/a", "n:~/a", "rostopic:///a", "/1a"],
     "RosUri": ["http://robot:11311", "http://10.0.0.1:11311/", "http://[::1]:11311"],
     "Url": ["http://loki.logging:3100", "https://loki/a?b", "http://[::1]:9090"],
@@ -70,8 +71,9 @@ BAD = {
     "LabelValue": ["a b", "-a", "a" * 64, "ä"],
     "EnvName": ["", "1a", "a-b", "a b"],
     "MountPath": ["", "a", "./a", "/a:b"],
-    "DevicePath": ["", "dev/a", "/dev/a:/dev/b", "/dev/a:/dev/b:rwm"],
-    "RosName": ["", "a-b", "1a", "a//b", "a b", "a/", "ä"],
+    "VolumeName": ["", "a_b", "/a", "a:b", "/a:/b"],
+    "DevicePath": ["", "dev/a", "/dev/a:/dev/b", "/dev/a:/dev/b:rwm", "/dev/ttyUSB*"],
+    "RosName": ["", "a-b", "1a", "a//b", "a b", "a/", "ä", "~a", "~/a"],
     "RemapName": ["", "a-b", "a//b", "a b", "ä", "*", "~", "/", "a:b:c"],
     "RosUri": ["robot:11311", "http://robot", "https://robot:1", "http://robot:11311/x"],
     "Url": ["", "loki:3100", "there", "ftp://a", "http://a b"],
@@ -112,6 +114,22 @@ def test_the_usual_mistakes_get_a_hint() -> None:
         scalars.RosName.parse("my-node")
     with pytest.raises(ValueError, match="lower case"):
         scalars.ImageRef.parse("Team/App:1")
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "other"),
+    [
+        ("VolumeName", "/data:/data:ro", "{host_path: /data, mount_path: /data}"),
+        ("VolumeName", "maps:/maps", "{name: maps, mount_path: /maps}"),
+        ("VolumeName", "./maps:/maps", "`files: {/maps: ./maps}`"),
+        ("DevicePath", "/dev/a:/dev/b:rwm", "{path: /dev/a, mount_path: /dev/b}"),
+        ("DevicePath", "nvidia.com/gpu=all", "{resource: nvidia.com/gpu}"),
+    ],
+)
+def test_what_docker_compose_writes_is_told(kind: str, text: str, other: str) -> None:
+    with pytest.raises(ValueError, match="is not") as caught:
+        getattr(scalars, kind).parse(text)
+    assert str(caught.value).endswith(f"write {other}")
 
 
 def test_durations_in_seconds() -> None:

@@ -20,7 +20,7 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
-from rigel_k8s.app.checks.commands import check_line
+from rigel_k8s.app.checks.commands import check_line, check_probe
 from rigel_k8s.app.checks.contradictions import check_contradictions
 from rigel_k8s.app.checks.network import check_network, check_network_policy
 from rigel_k8s.app.checks.nodes import check_node
@@ -32,7 +32,7 @@ from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.programs import full_name
-from rigel_k8s.app.recording import find_faults
+from rigel_k8s.app.recording import VOLUME, find_faults, is_recorder
 from rigel_k8s.app.updating import (
     OnRequest,
     is_rolling,
@@ -44,8 +44,11 @@ from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.overlay import containers_of
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
+from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_CONTAINER
+from rigel_k8s.objects.resources import explain_few_bytes
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity
 from rigel_k8s.ros import find_end, guess_distro
 from rigel_rmw import libraries
@@ -182,6 +185,19 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
         if volume.name in names:
             yield Problem(path, f'the volume "{volume.name}" already exists', "name-taken")
         names.add(volume.name)
+        if problem := explain_few_bytes(volume.size):
+            yield Problem((*path[:-1], "size"), problem, "bad-quantity")
+        in_fleet = has_template(str(options.namespace or ""))
+        if volume.host_path and in_fleet and not has_template(volume.name):
+            instead = f'write "{volume.name}-{{{{ data.robot }}}}"'
+            if volume.name == VOLUME and any(
+                is_recorder(one.args) for one in options.nodes.values()
+            ):
+                instead = "leave `host_path` of `record` out"
+            message = (
+                f"{volume.name}-pv belongs to the whole cluster, so one robot of a fleet gets it"
+            )
+            yield Problem(path, f"{message}: {instead}", "name-taken", severity="warning")
 
 
 def check_update(
@@ -302,6 +318,7 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
         yield Problem((*path, given[-1]), message, "conflict", at_key=True)
     if readiness.command is not None:
         yield from check_line((*path, "command"), readiness.command)
+        yield from check_probe((*path, "command"), readiness.command)
 
 
 def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:
@@ -335,25 +352,34 @@ def check_application_only(options: OrchestrationOptions) -> Iterator[Problem]:
 
 
 def check_containers(options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
-    """Yield pods with more than one container, which breaks DDS."""
-    if not ros.dds or options.allow_sidecars:
-        return
-    params = options.additional_k8s_params.application
+    """Yield containers that a patch adds: those without an image, and any beside DDS."""
+    params = options.additional_k8s_params
     groups = {pod: [*map(object_name, keys)] for pod, keys in group_nodes(options).items()}
     own = [] if replaces_container(options) else [APP_CONTAINER]
-    written: list[tuple[Path, Mapping[str, Any], list[str]]] = [
-        (("additional_k8s_params", "application"), params, own),
+    master = [MASTER_CONTAINER, GATE_CONTAINER]
+    written: list[tuple[Path, Mapping[str, Any], list[str], bool]] = [
+        (("additional_k8s_params", "ros_master"), params.ros_master, master, False),
+        (("additional_k8s_params", "application"), params.application, own, ros.dds),
         *(
-            (("nodes", str(k), "patch"), n.patch, groups[str(n.pod)] if n.pod else [NODE_CONTAINER])
-            for k, n in options.nodes.items()
-            if n.ros is None
+            (
+                ("nodes", str(key), "patch"),
+                node.patch,
+                groups[str(node.pod)] if node.pod else [NODE_CONTAINER],
+                ros.dds and node.ros is None,
+            )
+            for key, node in options.nodes.items()
         ),
     ]
-    for path, patch, first in written:
-        names = [str(one.get("name")) for one in containers_of(patch)]
-        extra = [name for name in names if name not in first][0 if first else 1 :]
-        if extra:
-            place = (*path, "spec", "template", "spec", "containers")
+    for path, patch, first, dds in written:
+        found = {str(one["name"]): one for one in containers_of(patch) if "name" in one}
+        extra = [name for name in found if name not in first][0 if first else 1 :]
+        place = (*path, "spec", "template", "spec", "containers")
+        if bare := [name for name in extra if first and not found[name].get("image")]:
+            message = (
+                f"{', '.join(bare)}: a container needs an `image`; {first[0]} is there already"
+            )
+            yield Problem(place, message, "missing-image", at_key=True)
+        elif extra and dds and not options.allow_sidecars:
             message = f"{', '.join(extra)}: {SIDECARS}"
             yield Problem(place, message, "sidecar", at_key=True)
 

@@ -12,15 +12,16 @@ from typing import Any, Literal
 
 import attrs
 
+from rigel_k8s.app.environment import entries
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import ParameterOptions, file_of
 from rigel_k8s.app.programs import SHELLS, split
-from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.overlay import containers_of, find_below
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.option_text import has_template
-from rigel_k8s.problems import Path, Problem
+from rigel_k8s.problems import Path, Problem, Severity
 from rigel_k8s.substitution_args import (
     FORMS,
     find_expressions,
@@ -41,26 +42,32 @@ NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
     "args": "warning",
 }
 OPERATORS = frozenset(("&", "&&", "||", "|", ";", ">", ">>", "<", "2>&1"))
-#: Commands that only a shell has.
-BUILT_IN = ("source", ".", "export", "cd")
+#: Commands that only a shell has, and its variables.
+BUILT_IN = re.compile(r"(source|\.|export|cd)$|[A-Z_][A-Z0-9_]*=")
+#: What a shell, or docker compose, fills in; ${node} is one of ROSCONSOLE_FORMAT.
+VARIABLE, COMPOSED = re.compile(r"\$\{?[A-Za-z_]"), re.compile(r"\$\{[A-Z_][A-Z0-9_]*[}:?+-]")
 
 
 def check_line(
     path: Path, line: str | Sequence[Any], options: ParameterOptions | None = None
 ) -> Iterator[Problem]:
-    """Yield why a command line is not valid.
+    """Yield why a command line is not valid, or is one for a shell.
 
     Args:
         options: those of a line in which substitution args may be replaced.
     """
     try:
-        empty = not (split_words(line) if options is None else split(options, line))
+        words = split_words(line) if options is None else split(options, line)
     except ValueError as error:
         message = f"it cannot be split into words: {str(error).lower()}"
         yield Problem(path, message, "bad-command")
         return
-    if empty:
+    if not words:
         yield Problem(path, "the command line is empty: remove it", "bad-command")
+    elif PurePosixPath(words[0]).name not in SHELLS and (marks := OPERATORS.intersection(words)):
+        first = next(word for word in words if word in marks)
+        message = f'no shell reads it, so "{first}" is a plain word: write [bash, -c, "..."]'
+        yield Problem(path, message, "no-shell", severity="warning", at_key=True)
 
 
 def split_or_none(node: NodeOptions, line: str | Sequence[Any] | None) -> list[str]:
@@ -80,14 +87,27 @@ def runs_shell(node: NodeOptions) -> bool:
 def check_shell_words(node: NodeOptions) -> Iterator[Problem]:
     """Yield words of `args` that only a shell would act on, and none reads them."""
     words = split_or_none(node, node.args)
-    if runs_shell(node):
+    if runs_shell(node) or OPERATORS.intersection(words):
         return
-    found = [word for word in words if word in OPERATORS]
-    if node.command is None and node.package is None and words[:1] and words[0] in BUILT_IN:
+    found = [word for word in words if VARIABLE.search(word)]
+    if node.command is None and node.package is None and BUILT_IN.match("".join(words[:1])):
         found.insert(0, words[0])
     if found:
-        message = f'no shell reads args, so "{found[0]}" is a plain word: write [bash, -c, "..."]'
+        message = f'no shell reads it, so "{found[0]}" is a plain word: write [bash, -c, "..."]'
         yield Problem(("args",), message, "no-shell", severity="warning", at_key=True)
+
+
+def check_variables(node: NodeOptions) -> Iterator[Problem]:
+    """Yield variables with a text that docker compose would fill in."""
+    for index, (name, source) in enumerate(entries(node.env)):
+        value = str(source.get("value", ""))
+        if COMPOSED.search(value):
+            message = (
+                f'"{value}" stays as it is: write {{{{ vars.NAME }}}}, or $(NAME) for another'
+                " variable of the container"
+            )
+            place = name if isinstance(node.env, Mapping) else index
+            yield Problem(("env", place), message, "no-substitution", severity="warning")
 
 
 def check_parameters(options: ParameterOptions, ros: Generation) -> Iterator[Problem]:
@@ -136,10 +156,23 @@ def as_data(value: Any) -> Any:
 
 #: Programs that end, unless one of these words is among theirs.
 ENDING = (
-    (re.compile(r"^ros2 bag play\b"), ("--loop", "-l")),
-    (re.compile(r"^(rosbag play|rosrun rosbag play)\b"), ("--loop", "-l")),
-    (re.compile(r"^ros2 (topic|service|action|param|node) (list|info|call|get|set|type)\b"), ()),
-    (re.compile(r"^ros(topic|service|node|param) (list|info|call|get|set|type)\b"), ()),
+    (re.compile(r"^(ros2 bag|rosbag|rosrun rosbag) play\b"), ("--loop", "-l")),
+    (
+        re.compile(
+            r"^ros(2 (topic|service|action|param|node|lifecycle|component|control|bag)"
+            r"|topic|service|node|param|bag)"
+            r" (call|cleanup|delete|dump|get|info|list|load|send_goal|set|type|unload)(_\w+)?\b"
+        ),
+        (),
+    ),
+    (
+        re.compile(
+            r"^(ros2 run (controller_manager (un)?spawner(\.py)?|gazebo_ros spawn_entity\.py"
+            r"|nav2_map_server map_saver_cli|ros_gz_sim create|rosbag2_transport player)"
+            r"|rosrun (gazebo_ros spawn_model|map_server map_saver))\b"
+        ),
+        (),
+    ),
 )
 #: Those that end only with one of these words.
 ONCE = (
@@ -147,77 +180,205 @@ ONCE = (
     (re.compile(r"^rostopic pub\b"), ("--once", "-1")),
     (re.compile(r"^ros2 topic echo\b"), ("--once",)),
 )
-#: Executables of packages that end, by the generation.
-RUN_ONCE: dict[str, tuple[tuple[str, str], ...]] = {
-    "1": (("gazebo_ros", "spawn_model"), ("map_server", "map_saver")),
-    "2": (
-        ("controller_manager", "spawner"),
-        ("controller_manager", "unspawner"),
-        ("gazebo_ros", "spawn_entity.py"),
-        ("nav2_map_server", "map_saver_cli"),
-        ("ros_gz_sim", "create"),
-    ),
-    "none": (),
-}
 ONCE_ONLY = "run it once (kind: task)"
 #: Programs that only wait, and what a shell without a command does.
 WAITING = ("sleep", "tail")
+#: Servers of a network's mode.
+SERVERS = {
+    re.compile(r"^fast-?dds discovery\b"): "discovery-server",
+    re.compile(r"\brmw_zenohd\b"): "zenoh",
+}
+#: What is before a program, and becomes it.
+BEFORE = re.compile(r"exec|env|--|/ros_entrypoint\.sh|[A-Za-z_]\w*=.*", re.S)
+#: Something runs beside what a shell waits for.
+BESIDE = re.compile(r"(?<![&>])&(?!&)")
+#: An option with its value in one word, as no program reads it.
+JOINED = re.compile(r"--?[A-Za-z][\w-]* \S.*", re.S)
 #: Programs of ROS that only a shell with ROS finds, and what sets ROS up.
-TOOLS = re.compile(r"\b(ros2|rosnode|rostopic|rosservice|rosparam|rosrun|rospack)\b")
+TOOLS = re.compile(
+    r"\b(ros2|ros(bag|core|graph|launch|msg|node|pack|param|run|service|topic)|rclpy|rospy)\b"
+)
 SET_UP = re.compile(rf"\bsetup\.(ba|z)?sh\b|ros_entrypoint|{SCRIPTS_PATH}/exec\.sh")
+#: Where Kubernetes has commands of its own.
+HOOKS = (
+    *(("readinessProbe",), ("livenessProbe",), ("startupProbe",)),
+    *(("lifecycle", "postStart"), ("lifecycle", "preStop")),
+)
+#: Options of rcl with a value: parameters, remappings, and others; and those without.
+VALUED = (
+    *("-p", "--param", "-r", "--remap", "--params-file", "--log-level", "--log-config-file"),
+    *("--log-file-name", "-e", "--enclave"),
+)
+SWITCHES = re.compile(r"--(en|dis)able-(rosout|stdout|external-lib)-logs")
+FLAG, FILLED_IN = "--ros-args", re.compile(r"\{\{|\$\(")
+#: A parameter, or a remapping of a private name. ROS 2 reads other remappings without a flag, too.
+ROS1_FORM = re.compile(r"(_[A-Za-z]|~(?!/))\w*:=")
+LAUNCH_FILE = re.compile(r"\.launch(\.\w+)?$")
 
 
 def check_program(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield what a program does differently in a pod."""
-    yield from check_probe(node)
+    yield from check_words(node)
+    yield from check_ros_arguments(node, ros)
+    yield from check_variables(node)
     line = ros.find_program(node)
-    path = ("command" if node.command is not None else "args",)
+    path = ("executable",) if node.package else line_path(node)
+    if node.command is not None and ros.nodes and TOOLS.match(" ".join(find_last(line))):
+        yield from check_tools(("command",), line, "replaces", "write `args` instead")
+    for index, one in enumerate(containers_of(node.patch)):
+        for above in HOOKS:
+            where = (*above, "exec", "command")
+            command = find_below(one, where)
+            place = ("patch", "spec", "template", "spec", "containers", index, *where)
+            yield from check_probe(place, command if isinstance(command, list) else None)
     if not line or node.launch or node.kind:
         return
-    if node.package:
-        if (node.package, str(node.executable)) in RUN_ONCE[ros.name]:
-            message = (
-                f"{node.executable} ends, and Kubernetes starts it again each time: {ONCE_ONLY}"
-            )
-            yield Problem(("executable",), message, "ends", severity="warning", at_key=True)
-        return
-    if len(line) == 1 and " " in line[0].strip() and not has_template(line[0]):
-        message = f'"{line[0]}" is one word, the name of a program: write it as a text, or a list'
-        yield Problem(path, message, "one-word", severity="warning", at_key=True)
-    elif node.components and line[0].startswith("-"):
+    if node.components and line[0].startswith("-"):
         message = f'"{line[0]}" would be the program that loads components: add its package first'
         yield Problem(path, message, "bad-command", at_key=True)
     elif node.ros is None and (reason := explain_end(line)):
         yield Problem(path, reason, "ends", severity="warning", at_key=True)
 
 
+def line_path(node: NodeOptions) -> tuple[str]:
+    """Return the option with a node's command line."""
+    return ("command",) if node.command is not None else ("args",)
+
+
+def check_words(node: NodeOptions) -> Iterator[Problem]:
+    """Yield words that are several, and a launch file as a program."""
+    line = split_or_none(node, node.command) or split_or_none(node, node.args)
+    program = None if node.package or not line else line[0]
+    named: dict[Path, str | None] = {
+        ("package",): node.package,
+        ("executable",): node.executable,
+        ("launch", "file"): node.launch.file if node.launch else None,
+        line_path(node): program,
+    }
+    for path, word in named.items():
+        if word and " " in word.strip() and not has_template(word) and "$(" not in word:
+            message = (
+                f'"{word}" is one word, the name of a program or file: write a text, or a list'
+            )
+            yield Problem(path, message, "one-word", severity="warning", at_key=True)
+    if node.executable and LAUNCH_FILE.search(node.executable):
+        message = f"a launch file is no program: write `launch: {{file: {node.executable}, ...}}`"
+        yield Problem(("executable",), message, "bad-command", at_key=True)
+    if joined := next(filter(JOINED.fullmatch, line[bool(program) :]), None):
+        message = f'"{joined}" is one word, which a program does not take apart: write two'
+        severity: Severity = "error" if FLAG in line[: line.index(joined)] else "warning"
+        yield Problem(line_path(node), message, "one-word", severity=severity, at_key=True)
+    text = find_text(line if program else ())
+    if text[1:] and not set(" $") & set(text[0]):
+        message = f'the shell runs "{text[0]}" without the words behind it: put the line in quotes'
+        yield Problem(line_path(node), message, "one-word", severity="warning", at_key=True)
+
+
+def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield arguments with which rcl ends a node, and those of ROS 1, which it does not read."""
+    line, reads, option = ros.find_program(node), False, ""
+    if not ros.rmw or node.launch or not ros.takes_arguments(line) or "xacro" in line:
+        return
+    for word in (one for one in line if not JOINED.fullmatch(one)):
+        fault: str | None = None
+        severity: Severity = "error"
+        if option:
+            fault, option = explain_value(ros, option, word), ""
+        elif word in (FLAG, "--"):
+            reads = word == FLAG
+        elif reads and word in VALUED:
+            option = word
+        elif reads and not SWITCHES.fullmatch(word) and not FILLED_IN.search(word):
+            fault = f'ROS 2 does not know "{word}" behind {FLAG}: write -p or -r before it, or --'
+        elif not reads and ROS1_FORM.match(word):
+            fault = (
+                f'"{word}" is the form of ROS 1: write {FLAG} -p NAME:=VALUE, or -r ~/NAME:=TOPIC'
+            )
+            severity = "warning"
+        if fault:  # it may have changed the meaning of the others
+            yield Problem(line_path(node), fault, "ros-args", severity=severity, at_key=True)
+            return
+    if option:
+        fault = f"{option} has no value"
+        yield Problem(line_path(node), fault, "ros-args", at_key=True)
+
+
+def explain_value(ros: Generation, option: str, value: str) -> str | None:
+    """Return why rcl refuses the value of an option, None if it accepts it."""
+    left, _, right = value.partition(":=")
+    if option in VALUED[4:] or FILLED_IN.search(value):
+        return None
+    if not left or not right:
+        return f'"{value}" behind {option} is not NAME:=VALUE'
+    if option in VALUED[:2] or ros.names is None or left.rpartition(":")[2].startswith("__"):
+        return None
+    return ros.names.explain(ros.names.source, left) or ros.names.explain(ros.names.target, right)
+
+
+def find_text(line: Sequence[str]) -> Sequence[str]:
+    """Return what a shell runs, and the words behind that; nothing for another program."""
+    if line and PurePosixPath(line[0]).name in SHELLS:
+        for index, word in enumerate(line[1:], 2):
+            if re.fullmatch(r"-[a-z]*c", word):
+                return line[index:]
+            if not word.startswith("-") and word != "pipefail":
+                break
+    return ()
+
+
+def find_last(line: Sequence[str]) -> list[str]:
+    """Return the program that a line becomes: of a shell's text, the last one."""
+    words = list(line)
+    while words and BEFORE.fullmatch(words[0]):
+        del words[0]
+    if not (text := find_text(words)):
+        return words
+    try:
+        parts = [part for part in re.split(r"[;&|\n]+", text[0]) if part.strip()]
+        return find_last(split_words(parts[-1])) if parts else []
+    except ValueError:  # a mark is within quotes
+        return []
+
+
 def explain_end(line: Sequence[str]) -> str | None:
     """Return what happens to a pod whose program ends, or is no node; None if it may be one."""
-    name = PurePosixPath(line[0]).name
-    text = " ".join([name, *line[1:]])
-    ends = any(rule.search(text) and not set(words) & set(line) for rule, words in ENDING)
-    if ends or any(rule.search(text) and set(words) & set(line) for rule, words in ONCE):
-        program = " ".join([name, *line[1:3]])
-        again = f"{program} ends, and Kubernetes starts it again each time: {ONCE_ONLY}"
-        return f"{again}, or let it go on (--loop)" if ends and "play" in text else again
-    waits = name in WAITING and line[1:] and (name == "sleep" or "/dev/null" in line)
-    if waits or (name in SHELLS and len(line) == 1):
+    words = find_last(line)
+    name = PurePosixPath(words[0]).name if words else ""
+    text = " ".join([name, *words[1:]])
+    ends = [rule.search(text) for rule, own in ENDING if not set(own) & set(words)]
+    ends += [rule.search(text) for rule, own in ONCE if set(own) & set(words)]
+    if found := next(filter(None, ends), None):
+        again = f"{found[0]} ends, and Kubernetes starts it again each time: {ONCE_ONLY}"
+        return f"{again}, or let it go on (--loop)" if found[0].endswith("play") else again
+    for rule, mode in SERVERS.items():
+        if found := rule.search(text):
+            never = f"{found[0]} is no ROS node, so its pod never becomes ready"
+            return f"{never}: `network: {mode}` has one; or set `ros: none`"
+    waits = name in WAITING and words[1:] and (name == "sleep" or "/dev/null" in words)
+    waits = waits and not BESIDE.search(" ".join(line))
+    if waits or (name in SHELLS and len(words) == 1):
         return f"{text} is no ROS node, so its pod never becomes ready: set `ros: none`"
     return None
 
 
-def check_probe(node: NodeOptions) -> Iterator[Problem]:
-    """Yield a probe that does not find ROS: it runs without the image's ENTRYPOINT."""
-    command = node.readiness.command if isinstance(node.readiness, Readiness) else None
+def check_probe(path: Path, command: str | Sequence[Any] | None) -> Iterator[Problem]:
+    """Yield a command of Kubernetes that is one of docker compose, or does not find ROS."""
     try:
-        text = " ".join(split_words(command or []))
+        words = split_words(command or [])
     except ValueError:  # reported elsewhere
         return
+    if words[:1] in (["CMD"], ["CMD-SHELL"]):
+        message = f'"{words[0]}" is for docker compose only: write what is behind it'
+        yield Problem(path, message, "bad-command", at_key=True)
+    else:
+        instead = f"write [/bin/sh, {SCRIPTS_PATH}/exec.sh, ...], or leave it out"
+        yield from check_tools(path, words, "runs without", instead)
+
+
+def check_tools(path: Path, words: Sequence[str], does: str, instead: str) -> Iterator[Problem]:
+    """Yield that a command does not find a program of ROS, which only the ENTRYPOINT sets up."""
+    text = " ".join(words)
     found = TOOLS.search(text)
     if found and not SET_UP.search(text):
-        message = (
-            f"a probe runs without the image's ENTRYPOINT, so it does not find {found[1]}: write"
-            f" [/bin/sh, {SCRIPTS_PATH}/exec.sh, ...], or leave `readiness` out"
-        )
-        path = ("readiness", "command")
+        message = f"it {does} the image's ENTRYPOINT, so it does not find {found[1]}: {instead}"
         yield Problem(path, message, "probe", severity="warning", at_key=True)

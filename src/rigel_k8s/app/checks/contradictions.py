@@ -22,10 +22,12 @@ from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, full_name
 from rigel_k8s.network.checks import LAST_DOMAIN
+from rigel_k8s.network.dds import NEW_VARIABLE, OLD_VARIABLE
 from rigel_k8s.network.mode import Mode
-from rigel_k8s.network.modes import BEFORE_IRON, mode_of
+from rigel_k8s.network.modes import BEFORE_IRON, mode_of, wire_pod
 from rigel_k8s.network.options import MIDDLEWARE, ZENOH_PORT, Network, middleware_name
 from rigel_k8s.network.plan import domain
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.naming import object_name, ros_name
 from rigel_k8s.objects.overlay import containers_of, list_mappings
 from rigel_k8s.objects.scalars import RosUri
@@ -129,6 +131,9 @@ class Place:
         return full_name(self.key, self.node)
 
 
+Rule = Callable[[Place, str | None], Verdict | None]
+
+
 def check_contradictions(
     options: OrchestrationOptions, ros: Generation, distro: str
 ) -> Iterator[Problem]:
@@ -141,7 +146,12 @@ def check_contradictions(
     pods = len({node.pod or key for key, node in nodes.items()}) + int(has_application(options))
     pods += sum(int(node.replicas) - 1 for node in nodes.values() if node.replicas)
     release = Release(options, distro, pods, domains, "" if ros.dds else master_uri(options))
-    for place in places_of(options, ros, release):
+    places = list(places_of(options, ros, release))
+    apart = pods > 1 and not all(place.on_machine for place in places)
+    if apart and options.ros_master_uri and is_local(find_host(options.ros_master_uri)):
+        message = "each pod would look for a master in itself: write the address of its machine"
+        yield Problem(("ros_master_uri",), message, KIND)
+    for place in places:
         rules = RULES.get(place.ros.name, {})
         for given in list_given(place):
             verdict = rules[given.name](place, given.value) if given.name in rules else None
@@ -153,6 +163,7 @@ def check_contradictions(
                 path, message = ("network", "domain_id"), f"{place.key}: {message}"
             yield Problem(path, message, KIND, severity=severity, at_key=given.at_key)
         yield from check_naming(place)
+        yield from check_master(place)
 
 
 def places_of(options: OrchestrationOptions, ros: Generation, release: Release) -> Iterator[Place]:
@@ -195,7 +206,7 @@ def list_assigned(place: Place) -> Iterator[Given]:
     """Yield the variables that a command line sets: of env, of a shell, of ROS 1's arguments."""
     line = place.ros.find_program(place.node)
     path = (*place.path, line_key(place.node))
-    if any(PurePosixPath(word).name in (*SHELLS, "env") for word in line[:2]):  # or an ENTRYPOINT's
+    if any(PurePosixPath(word).name in (*SHELLS, "env") for word in line):  # or below another one
         text = " ".join(line)
         for name in RULES.get(place.ros.name, {}):
             pattern = rf"""(?:^|[\s;&|("'])({name})=("[^"]*"|'[^']*'|[^\s;&|)"']*)"""
@@ -253,11 +264,12 @@ def explain_middleware(place: Place, value: str | None) -> Verdict | None:
     release, mode = place.release, place.release.mode
     if value is None or has_template(value):
         return None
-    if value in MIDDLEWARE:
-        message = f'"{value}" is not a name of ROS: write {MIDDLEWARE[value]}, or set `middleware:'
-        return Verdict(f"{message} {value}` at the job")
-    name = middleware_name(value.replace("_dynamic", ""))
-    given = {"fastdds": "fastdds", "cyclonedds": "cyclonedds", "zenoh": "zenoh"}.get(name or "")
+    given = middleware_name(value.replace("_dynamic", ""))
+    if given not in MIDDLEWARE:
+        given = None
+    elif value.replace("_dynamic", "") != MIDDLEWARE[given]:
+        message = f'"{value}" is not a name of ROS: write {MIDDLEWARE[given]}, or set `middleware:'
+        return Verdict(f"{message} {given}` at the job")
     expected = release.middleware
     if not value or (expected is None and given != "zenoh") or given == expected:
         return None
@@ -349,6 +361,8 @@ def explain_transports(place: Place, value: str | None) -> Verdict | None:
     kind = value.partition("?")[0]
     if kind == "SHM":
         return Verdict("pods have no memory in common, so no node hears it: remove it")
+    if kind.endswith("v6") and release.mode.looks_beyond:
+        return Verdict(f"the nodes look for each other by IPv4, and {kind} has none: remove it")
     if release.mode.sets_transports and kind in ("DEFAULT", "LARGE_DATA"):
         message = f"{kind} writes into a memory that no other pod reads: remove it, or let nodes"
         return Verdict(f"{message} share a `pod`", "warning")
@@ -367,6 +381,30 @@ def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
         return None
     message = "it replaces the one that connects the node to the release's router: begin it with"
     return Verdict(f"{message} {ours};", "warning" if ENDPOINTS in value else "error")
+
+
+def explain_files(name: str) -> Rule:
+    """Return what judges a variable that names the configuration of DDS."""
+
+    def explain(place: Place, value: str | None) -> Verdict | None:
+        release, node = place.release, place.node
+        plan = NetworkPlan(
+            namespace="",
+            release=str(release.options.deployment_name),
+            options=release.network,
+            ros=place.ros,
+            distro=release.distro,
+            middleware=release.middleware,
+            on_machine=release.mode.in_machine_network,
+        )
+        pod = PodIdentity("", "", on_machine=node.host_network, shares_memory=node.pod is not None)
+        ours = wire_pod(plan, pod).env.get(name, {}).get("value")
+        if ours is None or release.pods < 2 or (value and ours in value):
+            return None
+        message = f"it replaces {ours}, by which the node finds others: remove it, or write into"
+        return Verdict(f"{message} your file what that one has", "warning")
+
+    return explain
 
 
 # ROS 1
@@ -393,12 +431,15 @@ def find_host(uri: str) -> str:
 
 def explain_address(place: Place, value: str | None, what: str) -> Verdict | None:
     """Judge the address that a node advertises."""
-    if not value or has_template(value) or is_alone(place.release):
+    if value is None or has_template(value) or is_alone(place.release):
         return None
     advice = "remove it, and the node has its pod's address"
-    if is_local(value):
-        message = f"other pods cannot connect to {value}, so they hear nothing of it: {advice}"
+    if not value or is_local(value):
+        where = value or "an empty address"
+        message = f"other pods cannot connect to {where}, so they hear nothing of it: {advice}"
         return Verdict(message, "warning" if place.on_machine else "error")
+    if "/" in value or re.fullmatch(r"[^:]*:\d+", value):
+        return Verdict(f'"{value}" has a protocol or a port, so no node connects to it: {advice}')
     if place.on_machine or place.release.mode.attached:
         return None
     return Verdict(f"{what}: {advice}", "warning")
@@ -421,8 +462,8 @@ def explain_master(place: Place, value: str | None) -> Verdict | None:
         return None
     if not RosUri.pattern.fullmatch(value):
         return Verdict(f'"{value}" is not {RosUri.expects}: remove it')
-    host, ours = find_host(value), find_host(release.master)
-    if host == ours:
+    host = find_host(value)
+    if value.rstrip("/") == release.master.rstrip("/"):
         return None
     line = place.ros.find_program(place.node)
     starts = any(re.search(r"\b(roscore|roslaunch|rosmaster)\b", word) for word in line)
@@ -443,7 +484,7 @@ def explain_namespace(place: Place, value: str | None) -> Verdict | None:
     return None if actual == expected else Verdict(explain_name(actual, expected))
 
 
-Rule = Callable[[Place, str | None], Verdict | None]
+FILES = {name: explain_files(name) for name in ("CYCLONEDDS_URI", OLD_VARIABLE, NEW_VARIABLE)}
 #: By the generation: the variable, and what compares a user's value with what is ours.
 RULES: Mapping[str, Mapping[str, Rule]] = {
     "2": {
@@ -455,7 +496,9 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "ROS_STATIC_PEERS": explain_peers,
         "FASTDDS_BUILTIN_TRANSPORTS": explain_transports,
         "ZENOH_CONFIG_OVERRIDE": explain_zenoh,
+        **FILES,
     },
+    "none": FILES,
     "1": {
         "ROS_HOSTNAME": explain_hostname,
         "ROS_IP": explain_ip,
@@ -491,7 +534,8 @@ def check_naming(place: Place) -> Iterator[Problem]:
     if place.key is None or place.node.launch:
         return
     line = place.ros.find_program(place.node)
-    found = {words[rule]: value for rule, value in list_rules(place.ros, line) if rule in words}
+    rules = {rule: value for rule, value in list_rules(place.ros, line) if own_part(rule) in words}
+    found = {words[own_part(rule)]: value for rule, value in rules.items()}
     if not found or any(has_template(value) or FILLED_IN.search(value) for value in found.values()):
         return
     path, expected = (*place.path, key), place.ros_name
@@ -503,10 +547,33 @@ def check_naming(place: Place) -> Iterator[Problem]:
     namespace, _, name = expected.rpartition("/")
     actual = ros_name(found.get("name", name).strip("/"), found.get("namespace", namespace) or None)
     if actual != expected:
-        sure = place.ros.takes_arguments(line)
+        sure = place.ros.takes_arguments(line) and not any(":" in rule for rule in rules)
         severity: Severity = "error" if sure else "warning"
         message = explain_name(actual, expected)
         yield Problem(path, message, KIND, severity=severity, at_key=True)
+
+
+def own_part(rule: str) -> str:
+    """Return what a rule is about; one for a node of some name may be for this one."""
+    return rule.rpartition(":")[2]
+
+
+def check_master(place: Place) -> Iterator[Problem]:
+    """Yield a node that is a roscore of its own, beside the release's."""
+    release, line = place.release, place.ros.find_program(place.node)
+    if place.ros.name != "1" or place.key is None or is_alone(release):
+        return
+    name = PurePosixPath(line[0]).name if line else ""
+    sure = name in ("roscore", "rosmaster")
+    inside = name in SHELLS and re.search(r"\broscore\b(?!:)", " ".join(line))
+    if find_host(release.master) != "localhost" and (sure or inside):
+        message = (
+            f"the nodes register at {release.master}, and none at this roscore: remove it (for"
+            " another master set `ros_master_uri`)"
+        )
+        severity: Severity = "error" if sure else "warning"
+        path = (*place.path, line_key(place.node))
+        yield Problem(path, message, "two-masters", severity=severity, at_key=True)
 
 
 def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -516,11 +583,11 @@ def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]
         found = re.findall(r"(?:^|\s)(__\w+):=([^\s;&|\"']+)", text)
         yield from (one for one in found if [name for name, _ in found].count(one[0]) == 1)
         return
-    reads, before = not ros.rmw, ""
+    flagged, before = False, ""
     for word in line:
         if ros.rmw and word in ("--ros-args", "--"):
-            reads = word == "--ros-args"
+            flagged = word == "--ros-args"
         name, mark, value = word.partition(":=")
-        if mark and reads and (not ros.rmw or before in ("-r", "--remap")):
+        if mark and (not flagged or before in ("-r", "--remap")):
             yield name, value
         before = word

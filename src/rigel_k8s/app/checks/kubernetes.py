@@ -5,6 +5,7 @@ Kubernetes would name a field of a Deployment that the user has not written.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
@@ -19,15 +20,28 @@ from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NETWORKS_ANNOTATION
-from rigel_k8s.objects.overlay import mapping
+from rigel_k8s.objects.overlay import containers_of, find_below, mapping
 from rigel_k8s.objects.podoptions import OUTSIDE, PortOptions, Volume
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH
-from rigel_k8s.option_text import has_template
+from rigel_k8s.option_text import has_template, text_of
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile import find_nearest
 
 #: What Kubernetes has without a domain in its name.
 RESOURCES = ("cpu", "memory", "ephemeral-storage")
+#: Parts of a securityContext that contradict each other.
+EXCLUSIVE = (
+    (("privileged", True), ("allowPrivilegeEscalation", False)),
+    (("runAsNonRoot", True), ("runAsUser", 0)),
+)
+#: What a variable may have of its pod.
+FIELDS = (
+    *("status.podIP", "status.podIPs", "status.hostIP", "status.hostIPs", "metadata.name"),
+    *("metadata.namespace", "metadata.uid", "spec.nodeName", "spec.serviceAccountName"),
+)
+FIELD_PATH = re.compile(
+    rf"{'|'.join(map(re.escape, FIELDS))}|metadata\.(labels|annotations)\['.+'\]"
+)
 
 
 def check_kubernetes(
@@ -42,6 +56,7 @@ def check_kubernetes(
     yield from check_ports(node)
     yield from check_service_type(node, options.network)
     yield from check_resource_names(node)
+    yield from check_tolerations(node)
     yield from check_raw(node)
     yield from check_attachments(node, options.network)
 
@@ -49,10 +64,7 @@ def check_kubernetes(
 def check_attachments(node: NodeOptions, network: Network | None) -> Iterator[Problem]:
     """Yield a patch that takes the pod's second interface away."""
     above = ("spec", "template", "metadata", "annotations")
-    found: Any = node.patch
-    for key in above:
-        found = mapping(found).get(key)
-    asked = mapping(found).get(NETWORKS_ANNOTATION)
+    asked = find_below(node.patch, (*above, NETWORKS_ANNOTATION))
     if mode_of(network).attached and asked is not None and INTERFACE not in str(asked):
         message = f"it replaces the release's own attachment, so the pod has no {INTERFACE}"
         yield Problem(("patch", *above, NETWORKS_ANNOTATION), message, "conflict", at_key=True)
@@ -75,7 +87,9 @@ def check_mounts(
         volumes: the release's persistent volumes, by name.
         ours: the paths that rigel mounts.
     """
-    taken: dict[str, str] = dict.fromkeys(ours, "rigel itself")
+    taken: dict[str, str] = {"/": "the image"} | dict.fromkeys(ours, "rigel itself")
+    for at in map(str, node.files):
+        yield from claim_path(at, ("files", at), taken)
     for index, mount in enumerate(map(mount_of, node.volumes)):
         path: Path = ("volumes", index)
         volume = volumes.get(str(mount.name))
@@ -154,19 +168,52 @@ def check_resource_names(node: NodeOptions) -> Iterator[Problem]:
             yield Problem(("resources", key, name), message, "bad-resource", at_key=True)
 
 
+def check_tolerations(node: NodeOptions) -> Iterator[Problem]:
+    """Yield tolerations that Kubernetes refuses."""
+    for index, one in enumerate(node.tolerations):
+        message = ""
+        if one.operator == "Exists" and one.value:
+            message = "`Exists` has no `value`: remove one of the two"
+        elif one.key is None and (one.value or one.operator == "Equal"):
+            message = "`value` is that of a `key`: add it"
+        elif one.seconds is not None and one.effect != "NoExecute":
+            message = "`seconds` are for NoExecute: add `effect: NoExecute`"
+        if message:
+            yield Problem(("tolerations", index), message, "bad-toleration")
+
+
 def check_raw(node: NodeOptions) -> Iterator[Problem]:
     """Yield what is wrong with what a node has of Kubernetes' own objects."""
     context = Place(("security_context",), "a securityContext")
     yield from check_value(node.security_context, "SecurityContext", context)
     for index, one in enumerate(node.env if isinstance(node.env, list) else ()):
-        source = Place(("env", index, "valueFrom"), "valueFrom", whole=True)
-        if one.value_from is not None:
-            yield from check_value(one.value_from, "EnvVarSource", source)
-    capabilities = node.security_context.get("capabilities")
+        path: Path = ("env", index, "valueFrom")
+        if one.value_from is None:
+            continue
+        yield from check_value(one.value_from, "EnvVarSource", Place(path, "valueFrom", whole=True))
+        if len(one.value_from) != 1 or one.value is not None:
+            message = "a variable has one source: `value`, or one key of `valueFrom`"
+            yield Problem(path, message, "conflict", at_key=True)
+        field = mapping(one.value_from.get("fieldRef")).get("fieldPath")
+        if isinstance(field, str) and not FIELD_PATH.fullmatch(field) and not has_template(field):
+            near = find_nearest(field, FIELDS) or FIELDS[0]
+            message = f'a variable cannot have the field "{field}", did you mean "{near}"?'
+            yield Problem((*path, "fieldRef", "fieldPath"), message, "bad-field")
+    yield from check_context(("security_context",), node.security_context)
+    for index, container in enumerate(containers_of(node.patch)):
+        path = ("patch", "spec", "template", "spec", "containers", index, "securityContext")
+        yield from check_context(path, mapping(container.get("securityContext")))
+
+
+def check_context(path: Path, context: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield parts of a securityContext that contradict each other, and names that are none."""
+    for (key, value), (other, refused) in EXCLUSIVE:
+        if context.get(key) is value and context.get(other) == refused:
+            message = f"with `{key}: {text_of(value)}` Kubernetes does not start it: remove one"
+            yield Problem((*path, other), message, "conflict", at_key=True)
     for key in ("add", "drop"):
-        listed = capabilities.get(key) if isinstance(capabilities, Mapping) else None
+        listed = find_below(context, ("capabilities", key))
         for index, name in enumerate(listed if isinstance(listed, list) else ()):
             if str(name).upper().startswith("CAP_"):
                 message = f"Kubernetes' names have no CAP_: write {str(name)[4:].upper()}"
-                place = ("security_context", "capabilities", key, index)
-                yield Problem(place, message, "bad-name")
+                yield Problem((*path, "capabilities", key, index), message, "bad-name")

@@ -24,10 +24,12 @@ from rigel_k8s.app.testing import check_kind
 from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.overlay import containers_of, mapping, pod_of
+from rigel_k8s.objects.naming import HOSTNAME
+from rigel_k8s.objects.overlay import containers_of, find_below, mapping, pod_of
 from rigel_k8s.objects.podoptions import Readiness, Volume
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
-from rigel_k8s.problems import Problem
+from rigel_k8s.objects.scalars import LabelKey
+from rigel_k8s.problems import Path, Problem, Severity
 
 #: Labels that identify objects.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
@@ -57,6 +59,12 @@ OWNER = (
 USUAL_DEVICES = ("/dev/fuse", "/dev/net/tun", "/dev/null", "/dev/shm")
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
+#: Fields of a Deployment that are options of a node.
+PATCHED = {
+    ("spec", "replicas"): "replicas",
+    ("spec", "strategy"): "update",
+    ("spec", "template", "spec", "hostNetwork"): "host_network",
+}
 #: Subcommands of `ros2` that start a user's own nodes.
 STARTERS = ("run", "launch")
 #: Options that only ROS can read.
@@ -74,7 +82,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     ros = ros.of_node(node)
     yield from check_name(key, node, ros)
     problems = list(check_command(node)) if ros.nodes else list(check_plain(node))
-    yield from problems or check_appended(node, ros)
+    yield from problems
+    if not any(problem.is_error for problem in problems):
+        yield from check_appended(node, ros)
     yield from check_program(node, ros)
     yield from check_components(key, node, ros)
     yield from check_lifecycle(node, ros)
@@ -85,8 +95,8 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from check_resources(node.resources)
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     yield from check_volumes(node, set(volumes))
-    yield from check_files(node)
     yield from check_kubernetes(node, options, ros)
+    yield from check_patched(node, ros)
     if node.kind is None:
         yield from check_anonymous(key, node, ros, volumes, options.network)
     yield from check_machine_data(node, volumes, restricted=options.security is not None)
@@ -206,7 +216,8 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
         elif mount.name and mount.name not in known:
             listed = ", ".join(sorted(known)) or "none"
             message = f'unknown volume "{mount.name}"; persistent_storage.volumes has: {listed}'
-            yield Problem(path, message, "unknown-volume")
+            because: tuple[Path, ...] = (("persistent_storage", "volumes"),)
+            yield Problem(path, message, "unknown-volume", because=because)
         elif mount.mount_path is None and not mount.name:
             yield Problem(path, "mount_path is missing", "bad-volume")
         elif mount.type and not mount.host_path:
@@ -215,13 +226,16 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
             yield Problem((*path, "memory"), problem, "bad-quantity")
 
 
-def check_files(node: NodeOptions) -> Iterator[Problem]:
-    """Yield files at a path that is taken: Kubernetes refuses two mounts at one path."""
-    taken = {str(at).rstrip("/") for at in node.files}
-    for index, mount in enumerate(map(mount_of, node.volumes)):
-        if mount.mount_path and str(mount.mount_path).rstrip("/") in taken:
-            message = f"{mount.mount_path} is also one of `files`: choose another path for one"
-            yield Problem(("volumes", index), message, "conflict")
+def check_patched(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+    """Yield what a patch has of the node's own options, which are checked, and complete."""
+    for path, option in PATCHED.items():
+        value = find_below(node.patch, path)
+        if value in (None, False) or isinstance(value, str) or node.kind:
+            continue
+        clash = option == "replicas" and value not in (0, 1) and ros.nodes and not node.anonymous
+        severity: Severity = "error" if clash else "warning"
+        message = f"`rigel` reads the node's own option, `{option}`: write it there"
+        yield Problem(("patch", *path), message, "patched", severity=severity, at_key=True)
 
 
 def check_anonymous(
@@ -323,6 +337,11 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
     Args:
         restricted: device files are already refused, so no remedy is given for them.
     """
+    contexts = [
+        node.security_context,
+        *(one.get("securityContext") for one in containers_of(node.patch)),
+    ]
+    is_privileged = any(mapping(one).get("privileged") for one in contexts)
     for index, device in enumerate(map(device_of, node.devices)):
         path = ("devices", index)
         if (device.path is None) == (device.resource is None):
@@ -334,7 +353,7 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
             )
             yield Problem(path, message, "device-path", severity="warning")
         is_file = device.path and not device.resource
-        if is_file and not restricted and not node.security_context.get("privileged"):
+        if is_file and not restricted and not is_privileged:
             message = (
                 f"the container sees {device.path} but may not open it: add security_context:"
                 " {privileged: true}, or use a device plugin and `resource: squat.ai/NAME`"
@@ -350,3 +369,7 @@ def check_placement(
         if other not in nodes or other == key:
             message = f'"{other}" is not one of the other nodes'
             yield Problem(("placement", "apart_from", index), message, "unknown-node")
+    named, labelled = node.placement.node, node.placement.labels.get(LabelKey(HOSTNAME))
+    if named and labelled and str(named) != str(labelled):
+        message = f"`node` is another machine, {named}: remove one of the two"
+        yield Problem(("placement", "labels", HOSTNAME), message, "conflict", at_key=True)

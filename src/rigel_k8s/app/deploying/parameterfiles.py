@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -11,13 +12,13 @@ import yaml
 from rigel_k8s.app.deploying.localfiles import Use, collect, explain, read_each
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.parameters import ParameterOptions, file_of
+from rigel_k8s.app.parameters import FileLoader, ParameterOptions, file_of
 from rigel_k8s.errors import UserError
 from rigel_k8s.problems import Path as OptionPath
 from rigel_k8s.problems import Problem, Severity
 from rigel_k8s.rigelfile.parse import find_excess
+from rigel_k8s.substitution_args import find_expressions, is_substituted
 from rigel_k8s.system.local_files import read_text
-from rigel_k8s.yaml_text import Loader
 
 #: Bytes of one parameter file: a ConfigMap holds a mebibyte.
 LARGEST_PARAMETER_FILE = 2**18
@@ -75,6 +76,13 @@ def _check_use(
         where = ":".join(map(str, (name, *(fault.mark or ()))))
         severity: Severity = "error" if fault.ends else "warning"
         yield Problem(path, f"{where}: {fault.message}", "bad-parameter-file", severity=severity)
+    found = filter(is_substituted, find_expressions(yaml.load(text, FileLoader)))
+    for expression in itertools.islice(found, 1):
+        message = (
+            f"{name}: {expression} is not replaced in a file: write this one in `parameters`, with"
+            " substitution_args: true"
+        )
+        yield Problem(path, message, "no-substitution", severity="warning")
 
 
 def _read_each(options: OrchestrationOptions, directory: Path, home: Path) -> Iterator[Use[str]]:
@@ -119,7 +127,7 @@ def _find_fault(text: str) -> str:
     try:
         if excess := find_excess(text):
             return f":{excess.span.line}:{excess.span.column} is not YAML: {excess.message}"
-        content = yaml.load(text, Loader)
+        content = yaml.load(text, FileLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""

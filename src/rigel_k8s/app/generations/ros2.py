@@ -156,7 +156,13 @@ def check_component(component: Component) -> Iterator[Problem]:
 
 def explain_value(name: str, value: Any) -> str | None:
     """Return why rcl has no type for a parameter's value, None if it has one."""
-    if value is None:
+    if PARAMETERS in name:
+        return (
+            f"`parameters` has names and values only: leave {PARAMETERS} and what is above it out"
+        )
+    if name.startswith("~"):
+        return f"ROS 2 has no private names of parameters: write {name.lstrip('~/')}"
+    if value is None or isinstance(value, Mapping):  # an empty one, which is all that is left
         return f'the parameter "{name}" has no value'
     inner = value if isinstance(value, list) else [value]
     if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in inner):
@@ -328,7 +334,8 @@ class Ros2(Generation):
     def check_parameters(self, options: ParameterOptions) -> Iterator[Problem]:
         """Yield lists and namespaces of parameters that ROS 2 does not have."""
         for key, name, value in flat_values(options.parameters):
-            if reason := explain_value(name.replace("/", "."), value):
+            full = key if key.startswith("~") else name.replace("/", ".")
+            if reason := explain_value(full, value):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
         for index, entry in enumerate(map(file_of, options.parameter_files)):
             if entry.namespace is not None:

@@ -27,8 +27,8 @@ KEY = re.compile(r"/?([A-Za-z_]\w*|\*\*?)(/([A-Za-z_]\w*|\*\*?))*", re.ASCII)
 #: How rcl reads what is not in quotes.
 BOOLEANS = frozenset(["y", "yes", "true", "n", "no", "false", "on", "off"])
 INTEGER = re.compile(r"[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9]\d*)", re.ASCII)
-#: A line that begins or ends a document, with the rest of it.
-MARK = re.compile(r"(---|\.\.\.)(?:[ \t]+(.*))?")
+#: A line that begins or ends a document, with the rest of it; and one before that, as %YAML 1.2.
+MARK = re.compile(r"(---|\.\.\.)(?:[ \t]+(.*))?|%.*")
 
 
 @attrs.frozen
@@ -60,7 +60,7 @@ def nest_parameters(text: str) -> str:
 
 def drop_marks(text: str) -> Iterator[str]:
     """Yield the lines of a YAML document without what begins or ends it."""
-    for line in text.splitlines():
+    for line in text.removeprefix("\ufeff").splitlines():
         found = MARK.fullmatch(line.rstrip())
         if found is None:
             yield line
@@ -144,6 +144,8 @@ def read_nodes(
 def check_value(name: str, node: yaml.Node) -> Iterator[Fault]:
     """Yield why rcl has no type for a value."""
     if isinstance(node, yaml.MappingNode):
+        if not node.value:
+            yield Fault(f'"{name}" has no names and values: leave it out', place(node))
         for inner, value in node.value:
             yield from check_value(f"{name}.{inner.value}", value)
         return

@@ -65,8 +65,14 @@ def check_name(path: tuple[str, ...], name: str) -> Iterator[Problem]:
     except ValueError as error:
         yield Problem(path, str(error), RosName.kind, at_key=True)
     else:
+        message = ""
         if name == "/":
             message = "/ is a namespace: add the parameter's name"
+        elif name.startswith("_"):
+            message = (
+                f"the mark of a command line is not a part of the name: write {name.lstrip('_')}"
+            )
+        if message:
             yield Problem(path, message, RosName.kind, at_key=True)
 
 

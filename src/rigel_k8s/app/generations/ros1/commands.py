@@ -6,6 +6,7 @@ An image's ENTRYPOINT sets up ROS, so what runs is in `args` unless the user wro
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, datetime
 from pathlib import PurePosixPath
@@ -19,6 +20,7 @@ from rigel_k8s.app.options import Component, NodeOptions
 from rigel_k8s.app.parameters import (
     PARAMETERS_PATH,
     Fault,
+    FileLoader,
     ParameterOptions,
     flat,
     flat_values,
@@ -39,7 +41,6 @@ from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
 from rigel_k8s.problems import Problem
-from rigel_k8s.yaml_text import Loader
 
 #: What loads nodelets if a node has components and no program.
 MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
@@ -208,7 +209,10 @@ def check_values(options: ParameterOptions | Component) -> Iterator[Problem]:
 
 def check_parameter_file(text: str, key: str | None, options: ParameterOptions) -> Iterator[Fault]:
     """Yield the values of a file that rosparam could not load."""
-    for name, value in yaml.load(text, Loader).items():
+    content = yaml.load(text, FileLoader)
+    if "ros__parameters" in json.dumps(content, default=str):
+        yield Fault("ROS 1 reads ros__parameters as a part of names: leave it out", ends=False)
+    for name, value in content.items():
         if reason := explain_value(value):
             yield Fault(f'the parameter "{name}" {reason}')
 

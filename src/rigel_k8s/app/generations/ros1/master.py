@@ -24,6 +24,7 @@ from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
     GATE_PORT,
+    MASTER_CONTAINER,
     MASTER_NAME,
     MASTER_PORT,
     MASTER_URI,
@@ -42,7 +43,6 @@ from rigel_k8s.problems import Path
 ROSOUT = "/rosout"
 #: What to do if its image cannot be pulled, or has no roscore.
 IMAGE_OPTION = "this is roscore's image: set `ros_master_image`"
-MASTER_CONTAINER = "ros-master-container"
 
 #: A replaced pod's address swallows what is sent to it. roscore still calls the old node to end it
 #: (and to update cached parameters), each time in one of 3 threads, for two minutes: with three

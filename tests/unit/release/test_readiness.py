@@ -279,16 +279,30 @@ def test_events_tell_mounts_only_until_a_container_has_started() -> None:
     events = [event("uid-p", "FailedMount", "no such file")]
     [found] = causes(live("Deployment", {}), [pod(**container(waiting("x")))], events)
     assert (found.kind, found.message) == ("mount", "FailedMount: no such file")
-    check = "hostPath type check failed: /dev/ttyUSB0 is not a character device"
-    events = [event("uid-p", "FailedMount", f'MountVolume.SetUp failed for volume "d" : {check}')]
-    waits = pod(**container(waiting("x")))
-    waits["spec"] = {"nodeName": "robot-1"}
-    [found] = causes(live("Deployment", {}), [waits], events)
-    assert found.message == "/dev/ttyUSB0 is not a character device on the machine robot-1"
     running = pod(**container({"running": {}}, started=False))  # its startup probe still fails
     assert causes(live("Deployment", {}), [running], events) == []
     pulls = pod(**container(waiting("ErrImagePull", "no such image")))
     assert [one.kind for one in causes(live("Deployment", {}), [pulls], events)] == ["image"]
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        (": /dev/a is not a character device", "/dev/a is not a character device"),
+        (": /a is not a file, it's a directory", "/a is not a file: it's a directory"),
+        (
+            ', /a is not a directory, unable to determine its type: path "/a" does not exist',
+            '/a is not a directory: path "/a" does not exist',
+        ),
+    ],
+)
+def test_a_path_that_its_machine_lacks_is_named_with_the_machine(said: str, shown: str) -> None:
+    """In the words of old and new kubelets."""
+    told = f'MountVolume.SetUp failed for volume "d" : hostPath type check failed{said}'
+    waits = pod(**container(waiting("x")))
+    waits["spec"] = {"nodeName": "robot-1"}
+    [found] = causes(live("Deployment", {}), [waits], [event("uid-p", "FailedMount", told)])
+    assert found.message == f"on the machine robot-1, {shown}"
 
 
 def test_an_image_of_two_containers_is_one_cause() -> None:

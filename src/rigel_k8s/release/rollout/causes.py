@@ -45,7 +45,10 @@ EVENTS = {
 #: again. One that does not exist is reported as "not found".
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
 #: A path of the machine that does not exist there, or is something else than the volume's type.
-NO_PATH = re.compile(r"hostPath type check failed: (.+)")
+NO_PATH = re.compile(
+    r"hostPath type check failed[:,] (.+? is not an? [\w ]+)"
+    r"(?:, (?:unable to determine its type.*: (.+)|(it's .+)))?"
+)
 #: What a probe prints of a pod that waits to take over.
 TURN = re.compile(r"(?:\w+ probe failed: )?(.+) \[waits\]")
 #: What a runtime says of a probe in a container that has exited.
@@ -304,9 +307,10 @@ def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cau
     for event in find_events(pod, events):
         kind, message = EVENTS.get(event["reason"], ""), event.get("message") or ""
         if kind and not started and not BUSY.search(message):
-            path = NO_PATH.search(message)
-            where = f"{path[1]} on the machine {pod['spec'].get('nodeName')}" if path else ""
-            yield Cause(kind, where or f"{event['reason']}: {message}", name)
+            if path := NO_PATH.search(message):
+                found = ": ".join(filter(None, path.groups()))
+                message = f"on the machine {pod['spec'].get('nodeName')}, {found}"
+            yield Cause(kind, message if path else f"{event['reason']}: {message}", name)
 
 
 def is_past_mounts(container: Mapping[str, Any]) -> bool:

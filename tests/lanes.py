@@ -21,6 +21,7 @@ LANES = {
     # With static peers, in namespaces of their own: beside the others.
     "tests/cluster/ros2/test_foxglove.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_expect.py": "ros2 peers",
+    "tests/cluster/ros2/test_ros2_task.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_testing.py": "ros2 peers",
     "tests/cluster/ros2/test_ros2_together.py": "ros2 peers",
     "tests/cluster/ros2/modes/": "ros2 modes",

@@ -33,6 +33,7 @@ from rigel_k8s.images.registry import (
     look_up,
 )
 from tests.support.digests import resolve_digest
+from tests.support.tag_registry import serve_tags
 
 MANIFEST = b'{"schemaVersion": 2}'
 DIGEST = f"sha256:{hashlib.sha256(MANIFEST).hexdigest()}"
@@ -186,6 +187,13 @@ def test_none_where_it_cannot_tell(
 ) -> None:
     """A refusal, a missing tag and silence give None, and no error."""
     assert ask(registry) is None
+
+
+def test_an_image_that_its_registry_does_not_have_is_told_from_one_that_is_not_known() -> None:
+    """The first is an error before a deploy; of the second nothing is said."""
+    with serve_tags() as server:
+        missing, away = f"{server.host}/app:2", "127.0.0.1:1/app:1"
+        assert look_up([missing, away]).unknown == {missing}
 
 
 def test_nobody_is_asked_twice_where_nobody_listens(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,7 +124,7 @@ def write_release(run: Run, seen: Look | None = None) -> Revision:
         if (last := seen.settled) is not None:  # another deploy has done it
             return wait_settled(run, seen, last)
         plan, good = seen.plan, revisions.find_good(seen.survey.history)
-        lines, warnings = describe_plan(plan, keep=run.part.keep, back_to=run.part.back_to)
+        lines, warnings = describe_plan(plan, run.part, seen.survey.elsewhere)
         for line in lines:
             run.report.line(line)
         for warning in (*warnings, *warn_of_obstacles(seen.survey)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.facts import is_met
@@ -11,6 +11,9 @@ from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.survey import Live, Survey, belongs, describe_namespace, is_unchanged
 from rigel_k8s.release.types import PROTECTED, WORKLOADS, InventoryItem, Plan, ReleaseId, Step, rank
+
+if TYPE_CHECKING:
+    from rigel_k8s.release.part import Part
 
 #: What changes without us, and what does not describe the object.
 NOISE = ("managedFields", "resourceVersion", "generation", "uid", "creationTimestamp", "selfLink")
@@ -98,16 +101,16 @@ def singletons(manifest: Manifest | None) -> set[str]:
     return set(str(annotations.get(SINGLETON_ANNOTATION, "")).split())
 
 
-def describe_plan(
-    plan: Plan, *, keep: Collection[ObjectRef] = (), back_to: int | None = None
-) -> tuple[Sequence[str], Sequence[str]]:
+def describe_plan(plan: Plan, part: Part, elsewhere: str) -> tuple[Sequence[str], Sequence[str]]:
     """Return what will be done as lines, and as warnings which data is left where it is.
 
     Args:
-        keep: as in compare.
-        back_to: the revision that is deployed again; None for a deploy of the Rigelfile.
+        part: what is deployed.
+        elsewhere: the folder of another Rigelfile that made the last revision, "" for this one.
     """
-    missing = "no longer in the Rigelfile" if back_to is None else f"not in revision {back_to}"
+    missing = (
+        "no longer in the Rigelfile" if part.back_to is None else f"not in revision {part.back_to}"
+    )
     words = {"create": "to create", "change": "to change", "prune": "to delete"}
     counts = [
         f"{sum(1 for step in plan.steps if step.action == action)} {word}"
@@ -117,9 +120,14 @@ def describe_plan(
     lines = [
         f"{plan.release.namespace}/{plan.release.name}: {', '.join(counts) or 'nothing to change'}"
     ]
+    warnings = []
     if lost := [s.ref.name for s in plan.steps if s.action == "prune" and s.ref.kind in WORKLOADS]:
-        lines.append(f"{missing}, and deleted: {', '.join(lost)}")
-    warnings = [
+        text = f"{missing}, and deleted: {', '.join(lost)}"
+        if elsewhere:
+            warnings.append(f"{text} (deployed from {elsewhere} before)")
+        else:
+            lines.append(text)
+    warnings += [
         f"{step.ref} is {missing}; it holds data, so it is kept "
         f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
         for step in plan.steps
@@ -127,6 +135,6 @@ def describe_plan(
     ]
     warnings += [
         f"{ref} is missing, and no revision contains it: deploy from the Rigelfile"
-        for ref in sorted(set(keep) - {step.ref for step in plan.steps})
+        for ref in sorted(set(part.keep) - {step.ref for step in plan.steps})
     ]
     return lines, warnings

@@ -68,6 +68,15 @@ class Survey:
         return self.last.inventory if self.last else ()
 
     @property
+    def elsewhere(self) -> str:
+        """The folder that the last revision came from, "" if it is this one or not known.
+
+        Earlier versions have recorded paths that depend on where they were run.
+        """
+        here, there = self.desired.source, self.last.source if self.last else ""
+        return there if there.startswith("/") and here not in ("", there) else ""
+
+    @property
     def next_number(self) -> int:
         """The number of the next revision."""
         return self.history[-1].number + 1 if self.history else 1

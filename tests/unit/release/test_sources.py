@@ -46,18 +46,34 @@ def test_another_folder_with_other_nodes_is_refused(robot: Any, report: Any) -> 
     "wanted",
     [
         from_folder(HERE, "imu", master=True),
-        from_folder(THERE, "driver", "imu", master=True),
         from_folder("", "imu"),
         from_folder(THERE, master=True),
     ],
-    ids=["same folder", "a node in common", "unknown folder", "no node"],
+    ids=["same folder", "unknown folder", "no node"],
 )
 def test_other_changes_are_none_of_that(robot: Any, report: Any, wanted: Desired) -> None:
     """What is deleted is named."""
     deploy(wanted, robot, report=report)
-    [line] = [text for text in report.lines if "deleted" in text]
+    [line] = [text for text in (*report.lines, *report.warnings) if "deleted" in text]
     assert line.startswith("no longer in the Rigelfile, and deleted: ")
     assert "filter" in line
+
+
+def test_a_robot_of_another_folder_that_shares_some_names_is_refused(fake: Any, report: Any):
+    """A `driver` is in many robots; a copy of the folder without one node is this robot."""
+    deploy(from_folder(HERE, "driver", "filter", "planner"), fake, report=report)
+    with pytest.raises(Refused) as caught:
+        deploy(from_folder(THERE, "driver", "imu"), fake, report=report)
+    assert "filter, planner would be deleted" in caught.value.problems[0].message
+    deploy(from_folder(THERE, "driver", "filter"), fake, report=report)
+    assert "and deleted: planner (deployed from /home/ann/robot before)" in str(report.warnings)
+
+
+def test_a_folder_that_depends_on_where_it_was_said_is_not_known(fake: Any, report: Any) -> None:
+    """As earlier versions recorded it."""
+    deploy(from_folder(".", "driver", "filter"), fake, report=report)
+    deploy(from_folder(THERE, "imu"), fake, report=report)
+    assert "driver" in str([line for line in report.lines if "deleted" in line])
 
 
 def test_it_can_be_replaced(robot: Any, report: Any) -> None:

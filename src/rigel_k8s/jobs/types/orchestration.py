@@ -113,7 +113,7 @@ class OrchestrationJob:
             applied=job.applied,
         )
         application = Part(
-            desired=attrs.evolve(prepared.desired, source=str(job.application.dir)),
+            desired=attrs.evolve(prepared.desired, source=str(job.application.dir.resolve())),
             timeout=timeout_of(prepared.options, job.settings),
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,

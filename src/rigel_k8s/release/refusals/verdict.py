@@ -96,19 +96,19 @@ def check(survey: Survey, *, adopt: bool) -> None:
 
 
 def find_other_source(survey: Survey) -> Iterator[Problem]:
-    """Yield a problem if another Rigelfile made the release, and all that it runs would go.
+    """Yield a problem if another Rigelfile made the release, and most of what it runs would go.
 
-    The default name of a release is the same in every Rigelfile.
+    The default name of a release is the same in every Rigelfile, and so are names of nodes.
     """
-    last, desired = survey.last, survey.desired
-    if last is None or not last.source or desired.source in ("", last.source):
+    if (last := survey.last) is None or not survey.elsewhere:
         return
     ours, theirs = list_needed(survey.manifests), list_needed(last.objects)
-    if ours and theirs and not ours & theirs:
+    lost = sorted(theirs - ours)
+    if ours and 2 * len(lost) > len(theirs):
         text = (
-            f"{last.release.name} was deployed from {last.source}, and has nothing in common with"
-            f" this Rigelfile: {', '.join(sorted(theirs))} would be deleted; set `deployment_name`"
-            " here for a release beside it, or replace it with `--adopt`"
+            f"{last.release.name} was deployed from {survey.elsewhere}, and {', '.join(lost)}"
+            " would be deleted: set `deployment_name` here for a release beside it, or replace it"
+            " with `--adopt`"
         )
         yield Problem(("deployment_name",), text, "other-rigelfile")
 

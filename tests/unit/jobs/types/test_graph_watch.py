@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -129,6 +130,13 @@ def test_a_first_deploy_names_topics_that_do_not_fit(bare: World) -> None:
     assert bare.report.warnings == [f"{line} [no-publisher]"]
     assert bare.readings > 1, "nodes may need a moment"
     assert bare.statuses() == ["good"]
+
+
+def test_a_revision_has_the_whole_path_of_its_folder(bare: World) -> None:
+    """The Rigelfile's own folder is "." where most commands are typed: that names no robot."""
+    bare.deploy()
+    (revision,) = revisions.history(bare.fake, RELEASE)  # type: ignore[arg-type]
+    assert revision.source == str(Path.cwd())
 
 
 def test_a_first_graph_that_cannot_be_read_is_no_warning(bare: World) -> None:

@@ -44,7 +44,8 @@ base_image() {
     step "Building a base image from packages, as $BASE_IMAGE" \
       tail --pid="$base_image_build" -n +1 -f "$base_image_log"
     wait "$base_image_build" || { cat "$base_image_log" >&2; exit 1; }
-    build_image "$1" --push "$BASE_IMAGE"
+    # Also under the name by which pods of other Rigelfiles find it: ros:TAG.
+    for name in "$BASE_IMAGE" "$REGISTRY/library/ros:$2"; do build_image "$1" --push "$name"; done
   fi
   export REGISTRY BASE_IMAGE="${BASE_IMAGE:-$3}"
 }

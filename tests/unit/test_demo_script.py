@@ -64,6 +64,7 @@ def test_the_base_image_is_built_while_the_cluster_comes_up(tmp_path: Path) -> N
     assert calls(tmp_path)[2:] == [
         "cluster status --name demo -o json",
         "image ros1-base --push 10.0.0.2:5000/ros:noetic",
+        "image ros1-base --push 10.0.0.2:5000/library/ros:noetic",
     ]
     assert "then 10.0.0.2:5000 10.0.0.2:5000/ros:noetic" in done.stdout
     assert "cluster down --name demo" in done.stdout

@@ -76,11 +76,19 @@ def wrap_deployment(
 def replace_mounts(
     container: dict[str, Any], synced: Collection[str], copied: Collection[str]
 ) -> list[Object]:
-    """Let read-only mounts give way to what is copied; return the volumes of synced folders."""
+    """Let read-only mounts give way to what is copied; return the volumes of synced folders.
+
+    Raises:
+        UserError: what is copied would be in one of them.
+    """
     made: list[Object] = []
     kept = []
     for mount in container.get("volumeMounts", []):
         path = mount["mountPath"].rstrip("/")
+        below = next((one for one in synced if one.startswith(f"{path}/")), None)
+        if below and mount.get("readOnly"):
+            hint = f"copy the whole folder: --sync DIR:{path}"
+            raise UserError(f"{below} is in {path}, which is mounted read-only", hint=hint)
         if mount.get("readOnly") and path in synced:
             volume = f"{VOLUME}-{len(made)}"
             made.append({"name": volume, "emptyDir": {}})

@@ -162,7 +162,8 @@ def compare_options(
     """
     for key in sorted({*map(str, old), *map(str, new)}):
         before, after, place = old.get(key, UNSET), new.get(key, UNSET), (*path, key)
-        if before == after or (path == ("nodes",) and UNSET in (before, after)):
+        same = before == after and json.dumps(before) == json.dumps(after)  # 10 is not 10.0
+        if same or (path == ("nodes",) and UNSET in (before, after)):
             continue
         if isinstance(before, Mapping) and isinstance(after, Mapping):
             yield from compare_options(before, after, place)

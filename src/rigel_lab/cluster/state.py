@@ -107,7 +107,9 @@ def find(name: str) -> State:
     """
     if state := State.load(name):
         return state
-    others = f"; there is {', '.join(names())}" if names() else ""
+    known = names()
+    others = f"; there is {', '.join(known)}" if known else ""
+    hint = f"--name {known[0]} for that one, or " if known else ""
     raise UserError(
-        f"there is no local cluster {name}{others}", hint=f"rigel cluster up --name {name}"
+        f"there is no local cluster {name}{others}", hint=f"{hint}rigel cluster up --name {name}"
     )

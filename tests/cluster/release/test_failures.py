@@ -66,7 +66,7 @@ def test_a_failed_mount_is_told(cluster: Any, make: Any, report: Any) -> None:
     host = {"name": "dev", "hostPath": {"path": "/no/such/device", "type": "CharDevice"}}
     mount = [{"name": "dev", "mountPath": "/dev/motor"}]
     node = make.deployment(pod={"volumes": [host]}, volumeMounts=mount)
-    told = failure(cluster, make, report, node, patience=attrs.evolve(HASTY, mount=3))
+    told = failure(cluster, make, report, node, patience=attrs.evolve(HASTY, path=3))
     why = r'is not a character device: path "\S+" does not exist'
     assert re.search(rf"on the machine node\d, /no/such/device {why}", told)
 

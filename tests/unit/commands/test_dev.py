@@ -203,13 +203,13 @@ def test_a_file_that_files_mounts_gives_way_to_its_copy() -> None:
     assert left == ["/app/x.json", "/app.py", "/rigel-k8s", "/app/log", "/run/rigel-dev"]
 
 
-def test_a_mount_that_holds_a_synced_folder_stays() -> None:
-    """Its other files would be missing."""
+def test_a_folder_below_one_that_files_mounts_is_refused() -> None:
+    """Without the mount its other files would be missing, and nothing can be copied into it."""
     mounts = [{"name": "f", "mountPath": "/app", "readOnly": True}]
     manifest = deployment(args=["a"], volumeMounts=mounts)
-    made = wrap_deployment(manifest, "ros-node", "", ["/app/sub"], ["/app/sub/a.py"])
-    spec = made["spec"]["template"]["spec"]
-    assert spec["containers"][0]["volumeMounts"][0] == mounts[0]
+    with pytest.raises(UserError, match="/app/sub is in /app, which is mounted") as caught:
+        wrap_deployment(manifest, "ros-node", "", ["/app/sub"], ["/app/sub/a.py"])
+    assert "--sync DIR:/app" in str(caught.value.hint)
 
 
 def test_a_session_passes_what_it_copies(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:

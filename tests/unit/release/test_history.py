@@ -105,7 +105,7 @@ def test_options_are_shown_with_their_values(fake: Any, report: Any) -> None:
         "network": "peers",
         "nodes": {
             "brake": {
-                "parameters": {"limit": 1.8, "on": True},
+                "parameters": {"limit": 1.8, "on": True, "rate": 10.0},
                 "env": {"API_TOKEN": "abc", "A": "1"},
             },
             "gone": {"args": ["x"]},
@@ -114,7 +114,10 @@ def test_options_are_shown_with_their_values(fake: Any, report: Any) -> None:
     after = {
         "network": "macvlan",
         "nodes": {
-            "brake": {"parameters": {"limit": 1.6}, "env": {"API_TOKEN": "def", "A": "2"}},
+            "brake": {
+                "parameters": {"limit": 1.6, "rate": 10},
+                "env": {"API_TOKEN": "def", "A": "2"},
+            },
             "imu": {"args": ["y" * 99]},
         },
         "domain_id": 7,
@@ -134,6 +137,7 @@ def test_options_are_shown_with_their_values(fake: Any, report: Any) -> None:
         "brake.env.API_TOKEN: another value",
         "brake.parameters.limit: 1.8 to 1.6",
         "brake.parameters.on: true is removed",
+        "brake.parameters.rate: 10.0 to 10",
         "brake: image app:1 to app:2",
         "gone is removed",
         "imu is new",

@@ -302,7 +302,7 @@ def test_a_path_that_its_machine_lacks_is_named_with_the_machine(said: str, show
     waits = pod(**container(waiting("x")))
     waits["spec"] = {"nodeName": "robot-1"}
     [found] = causes(live("Deployment", {}), [waits], [event("uid-p", "FailedMount", told)])
-    assert found.message == f"on the machine robot-1, {shown}"
+    assert (found.kind, found.message) == ("path", f"on the machine robot-1, {shown}")
 
 
 def test_an_image_of_two_containers_is_one_cause() -> None:

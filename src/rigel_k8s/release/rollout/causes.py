@@ -77,9 +77,10 @@ CAUSES: Mapping[str, Kind] = {
     ),
     "claim": Kind("a claim is not bound", "check its StorageClass and size"),
     "quota": Kind("a quota prevents further pods", "request less, or have it raised"),
-    "mount": Kind(
-        "a volume cannot be mounted",
-        "read the event in the message; a path of a machine: create it there, or set its `type`",
+    "mount": Kind("a volume cannot be mounted", "read the event in the message"),
+    "path": Kind(
+        "a path of the machine does not exist, or is something else",
+        "create it there, plug the device in, or set the volume's `type`",
     ),
     "sandbox": Kind(
         "the pod's network cannot be set up", "check Multus and the CNI on that machine"
@@ -309,8 +310,9 @@ def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cau
         if kind and not started and not BUSY.search(message):
             if path := NO_PATH.search(message):
                 found = ": ".join(filter(None, path.groups()))
-                message = f"on the machine {pod['spec'].get('nodeName')}, {found}"
-            yield Cause(kind, message if path else f"{event['reason']}: {message}", name)
+                yield Cause("path", f"on the machine {pod['spec'].get('nodeName')}, {found}", name)
+            else:
+                yield Cause(kind, f"{event['reason']}: {message}", name)
 
 
 def is_past_mounts(container: Mapping[str, Any]) -> bool:

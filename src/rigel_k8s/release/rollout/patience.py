@@ -34,6 +34,7 @@ class Patience:
     claim: float = 60.0
     quota: float = 15.0
     mount: float = 45.0
+    path: float = 15.0
     sandbox: float = 60.0
     evicted: float = 30.0
     failed: float = 0.0

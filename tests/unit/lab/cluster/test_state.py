@@ -51,7 +51,7 @@ def test_an_unknown_cluster_is_told_with_those_that_are_there(place: Path) -> No
     state("dev").save()
     with pytest.raises(UserError, match="no local cluster local; there is dev") as caught:
         find("local")
-    assert caught.value.hint == "rigel cluster up --name local"
+    assert caught.value.hint == "--name dev for that one, or rigel cluster up --name local"
 
 
 def test_machines_of_one_cluster_are_not_those_of_another(place: Path) -> None:

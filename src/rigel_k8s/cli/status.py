@@ -24,6 +24,7 @@ from rigel_k8s.cli.words import (
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.rosgraph.types import GateStatus
@@ -125,7 +126,9 @@ def headline(found: ReleaseStatus) -> str:
         return f"{where}: no revision"
     suffix = "" if found.revision_status == "good" else f" ({found.revision_status})"
     keeps = found.keeps_old and found.good != found.revision
-    old = f"; revision {found.good or 'before'} still runs" if keeps else ""
+    names = [one.name for one in found.workloads if one.old_runs]
+    of = f"of {join_words(names)} " if len(names) < len(found.workloads) else ""
+    old = f"; {of}revision {found.good or 'before'} still runs" if keeps else ""
     return f"{where}, revision {found.revision}{suffix}{old}"
 
 

@@ -90,6 +90,13 @@ def test_a_revision_does_not_still_run_beside_itself() -> None:
         assert headline(attrs.evolve(release(stuck), good=good)).endswith(ending)
 
 
+def test_the_revision_of_a_part_of_the_robot_is_named_with_it() -> None:
+    """Its other nodes run the new one: a failed update leaves a mixture."""
+    stuck = attrs.evolve(LISTENER, old_runs=True, kinds=("crash",))
+    text = headline(attrs.evolve(release(stuck, TALKER, state="failed"), good=2))
+    assert text.endswith("revision 3 (failed); of listener revision 2 still runs")
+
+
 def test_status_for_people() -> None:
     """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
     text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)

@@ -57,6 +57,17 @@ def test_what_is_adopted_becomes_what_the_rigelfile_says(
     assert diff(wanted, fake).changes == ()
 
 
+def test_who_deploys_is_told_of_what_is_in_development(fake: FakeCluster, report: Any) -> None:
+    """Its developer is told as well, by their own command."""
+    wanted = desired(workload("talker"), workload("listener"))
+    deploy(wanted, fake, report=report)
+    note = "talker is in development by ann@laptop since 10:00"
+    body = {"metadata": {"annotations": {"rigel-k8s/development": note}}, "spec": {"replicas": 0}}
+    fake.as_manager("rigel").patch(ref("Deployment", "talker"), body)
+    deploy(wanted, fake, report=report, adopt=True)
+    assert f"{note}; this deploy ends that" in report.warnings
+
+
 def test_who_owns_what_is_read_again_where_it_changed_meanwhile(
     fake: FakeCluster, report: Any
 ) -> None:

@@ -131,6 +131,26 @@ def test_a_failed_update_names_what_still_runs_first(failed: RolloutFailed) -> N
     assert failed.details == ("    last words",)
 
 
+def test_a_failed_update_of_one_node_names_those_that_are_new(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot is a mixture then; a rollback takes all back."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
+
+    def crash_driver(pod: dict[str, Any]) -> dict[str, Any]:
+        return crash_new(pod) if pod["metadata"]["name"].startswith("driver") else running(pod)
+
+    fake.store.controllers = Controllers(crash_driver)
+    names = ("driver", "filtered")
+    deploy(desired(*(rolling(name, "app:1") for name in names)), fake, report=report)
+    leap_when_shown(monkeypatch, report, Patience().crash, ("driver", "exited with code 1"))
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(desired(*(rolling(name, "app:2") for name in names)), fake, report=report)
+    assert caught.value.message.startswith(
+        "the old version of driver still runs (revision 1), and the new one of filtered; driver did"
+    )
+
+
 def test_the_old_version_of_a_failed_update_without_a_cause_runs(
     fake: FakeCluster, report: Any
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 
 import attrs
@@ -12,6 +12,7 @@ from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.marks import image_remedy_of, is_optional, remedy_of
 from rigel_k8s.objects.overlay import containers_of, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.text import join_words
 from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import CAUSES, ERROR, Cause, probe_failure
 from rigel_k8s.release.rollout.patience import Ledger, Seen
@@ -139,13 +140,18 @@ class Account:
             details=lines,
         )
 
-    def name_survivor(self, failed: Iterable[ObjectRef]) -> str:
+    def name_survivor(self, failed: Collection[ObjectRef]) -> str:
         """Return the beginning of a failure: that the version before still does the work."""
         number = f" (revision {self.good})" if self.good else ""
         states = self.standing.states
-        if all(ref in states and states[ref].old_runs for ref in failed):
+        if not all(ref in states and states[ref].old_runs for ref in failed):
+            return ""
+        new = sorted(ref.name for ref in self.standing.rolling.difference(failed))
+        if not new:
             return f"the old version still runs{number}; "
-        return ""
+        names = join_words([ref.name for ref in failed])
+        others = join_words(new)
+        return f"the old version of {names} still runs{number}, and the new one of {others}; "
 
     def list_causes(self, causes: Iterable[Seen]) -> Iterator[str]:
         """Yield causes as lines, each once with the names of all that have it."""

@@ -11,6 +11,7 @@ from rigel_import.compose.values import Value
 from rigel_k8s.app.deploying.localfiles import read_folder
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.naming import object_name
+from rigel_k8s.system.trust import Untrusted
 
 #: Paths of a machine that are of no use in a pod, and why.
 UNUSABLE = {
@@ -50,6 +51,8 @@ def add_local(service: Service, item: Value, source: str, target: str, *, read_o
         read_folder(path, service.directory)
     except UserError as error:
         how = "copy it into the image, or add its whole path as a `host_path`"
+        if isinstance(error, Untrusted):
+            how = f"{error.hint}, and import again; or {how}"
         service.remark(item, f"{source} is not mounted at {target}: {error.message}; {how}")
         return
     name = os.path.relpath(path, service.directory)

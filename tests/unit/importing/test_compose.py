@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +151,18 @@ REMARKS = {
 def test_what_is_not_carried_over_is_remarked_with_its_line(entries: str, project: Path) -> None:
     _, remarks = convert_one(f"image: example/robot:jazzy\n{entries}", base="")
     assert REMARKS[entries] in remarks
+
+
+def test_a_folder_elsewhere_is_mounted_once_its_directory_is_trusted(
+    project: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The remark has the command, and what to do without it."""
+    other = tmp_path_factory.mktemp("scripts")
+    (other / "a.py").write_text("print()")
+    source = os.path.relpath(other)
+    node, remarks = convert_one(f"image: x:jazzy\nvolumes: ['{source}:/rover']")
+    assert "files" not in node
+    assert re.search(r"is not trusted; .*rigel trust \S+, and import again; or copy it", remarks)
 
 
 def test_what_changes_nothing_is_not_remarked(project: Path) -> None:

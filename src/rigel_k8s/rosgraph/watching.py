@@ -24,6 +24,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.text import plural
 from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
@@ -101,7 +102,7 @@ class GraphWatch:
             return
         self._removed = list_removed(plan, self._before)
         nodes, topics = len(self._before.nodes), len(self._before.topics)
-        state = f"{nodes} nodes and {topics} topics before the update"
+        state = f"{plural(nodes, 'node')} and {plural(topics, 'topic')} before the update"
         self.reporter.progress("ROS graph", state, done=True)
 
     def report(self, *, insist: bool = False) -> None:

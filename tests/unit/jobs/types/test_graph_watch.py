@@ -193,7 +193,7 @@ def test_a_harmless_update_is_read_twice(world: World) -> None:
     world.deploy()
     assert world.readings == 2
     assert world.report.warnings == []
-    assert ("ROS graph", "2 nodes and 1 topics before the update", True) in world.report.states
+    assert ("ROS graph", "2 nodes and 1 topic before the update", True) in world.report.states
     assert world.report.states[-1] == ("ROS graph", "as before the update", True)
 
 

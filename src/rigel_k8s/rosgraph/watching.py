@@ -175,7 +175,7 @@ class GraphWatch:
             try:
                 after = read_graph(self.cluster, self.release, self.span)
             except RigelK8sError as error:
-                found, state = error, error.message
+                self.notes, found, state = {}, error, error.message
             else:
                 self.notes, self._broken = after.notes, self.find_broken(after)
                 after = keep_highest(after, highest)

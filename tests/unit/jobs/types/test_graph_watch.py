@@ -132,6 +132,24 @@ def test_a_first_deploy_names_topics_that_do_not_fit(bare: World) -> None:
     assert bare.statuses() == ["good"]
 
 
+def test_notes_from_before_a_look_that_failed_are_not_used_again(
+    bare: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They may be a minute old: the check of discovery reads its own."""
+    looks = [RosGraph(leaving=("/old",), notes={"lidar-1/node": {}})]
+
+    def read(*_: Any, **__: Any) -> RosGraph:
+        if not looks:
+            raise ClusterError("no answer")
+        return looks.pop()
+
+    monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", read)
+    watch = watching.GraphWatch(bare.fake, RELEASE, bare.report, bare.cancel)  # type: ignore[arg-type]
+    watch._before = RosGraph()
+    assert watch.find_differences() is None
+    assert watch.notes == {}
+
+
 def test_a_revision_has_the_whole_path_of_its_folder(bare: World) -> None:
     """The Rigelfile's own folder is "." where most commands are typed: that names no robot."""
     bare.deploy()

@@ -36,6 +36,21 @@ def running(*command: str, **env: str) -> Iterator[int]:
             process.terminate()
 
 
+def start_gate(directory: str) -> contextlib.AbstractContextManager[int]:
+    """Run a gate whose journal is in a directory; yield its id."""
+    words = ["--journal", f"{directory}/journal", "--port", GATE, "--hand-over-port", HAND_OVER]
+    line = [sys.executable, "-S", "-m", "rigel_gate", *words, "--master-port", MASTER]
+    source = str(Path(__file__).parents[1] / "src")
+    return running(*map(str, line), PYTHONPATH=source)
+
+
+def start_master(root: Path) -> contextlib.AbstractContextManager[int]:
+    """Run rosmaster in the root of a ROS 1 image; yield its id."""
+    words = ["/opt/ros/noetic/bin/rosmaster", "--core", "-p", str(MASTER), "-w", "10"]
+    own = {"ROS_ROOT": "/opt/ros/noetic/share/ros", "HOME": "/tmp", "ROS_MASTER_URI": ""}
+    return running("chroot", str(root), "python3", *words, **own)
+
+
 def connect(port: int) -> xmlrpc.client.ServerProxy:
     """Return a master's API."""
     return xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}")
@@ -98,41 +113,35 @@ def main() -> None:
     parser.add_argument("--topics", type=int, default=1000)
     parser.add_argument("--calls", type=int, default=2000)
     words = parser.parse_args()
-    rosmaster = ["/opt/ros/noetic/bin/rosmaster", "--core", "-p", str(MASTER), "-w", "10"]
-    own = {"ROS_ROOT": "/opt/ros/noetic/share/ros", "HOME": "/tmp", "ROS_MASTER_URI": ""}
-    with tempfile.TemporaryDirectory() as directory:
-        gate = [sys.executable, "-S", "-m", "rigel_gate", "--journal", f"{directory}/journal"]
-        gate += ["--port", str(GATE), "--hand-over-port", str(HAND_OVER)]
-        gate += ["--master-port", str(MASTER)]
-        source = str(Path(__file__).parents[1] / "src")
-        with (
-            running("chroot", str(words.root), "python3", *rosmaster, **own),
-            running(*gate, PYTHONPATH=source) as pid,
-        ):
-            until_answers(MASTER)
-            until_answers(GATE)
-            uri = serve_node()
-            fill(GATE, uri, words.nodes, words.topics)
-            direct, through = connect(MASTER), connect(GATE)
-            topic = "/bench_topic"
-            args = ("/bench", topic, "std_msgs/String", uri)
-            times = measure(
-                {
-                    "lookupNode": lambda n: direct.lookupNode("/bench", f"/node_{n % words.nodes}"),
-                    "lookupNode, gate": lambda n: through.lookupNode(
-                        "/bench", f"/node_{n % words.nodes}"
-                    ),
-                    "registerPublisher": lambda _: direct.registerPublisher(*args),
-                    "registerPublisher, gate": lambda _: through.registerPublisher(*args),
-                },
-                words.calls,
-            )
-            print(f"\n{words.nodes} nodes, {words.topics} topics\n")
-            print("| call | median ms | 99 % ms |\n|---|---|---|")
-            for name, found in times.items():
-                late = sorted(found)[len(found) * 99 // 100]
-                print(f"| {name} | {median(found):.2f} | {late:.2f} |")
-            print(f"\nmemory of the gate: {memory(pid):.1f} MiB")
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        start_master(words.root),
+        start_gate(directory) as pid,
+    ):
+        until_answers(MASTER)
+        until_answers(GATE)
+        uri = serve_node()
+        fill(GATE, uri, words.nodes, words.topics)
+        direct, through = connect(MASTER), connect(GATE)
+        topic = "/bench_topic"
+        args = ("/bench", topic, "std_msgs/String", uri)
+        times = measure(
+            {
+                "lookupNode": lambda n: direct.lookupNode("/bench", f"/node_{n % words.nodes}"),
+                "lookupNode, gate": lambda n: through.lookupNode(
+                    "/bench", f"/node_{n % words.nodes}"
+                ),
+                "registerPublisher": lambda _: direct.registerPublisher(*args),
+                "registerPublisher, gate": lambda _: through.registerPublisher(*args),
+            },
+            words.calls,
+        )
+        print(f"\n{words.nodes} nodes, {words.topics} topics\n")
+        print("| call | median ms | 99 % ms |\n|---|---|---|")
+        for name, found in times.items():
+            late = sorted(found)[len(found) * 99 // 100]
+            print(f"| {name} | {median(found):.2f} | {late:.2f} |")
+        print(f"\nmemory of the gate: {memory(pid):.1f} MiB")
 
 
 if __name__ == "__main__":

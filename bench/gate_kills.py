@@ -16,8 +16,6 @@ import contextlib
 import os
 import random
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -27,7 +25,7 @@ from typing import Any
 
 import attrs
 
-from bench.gate import GATE, HAND_OVER, MASTER, connect, running, until_answers
+from bench.gate import GATE, MASTER, connect, start_gate, start_master, until_answers
 
 CALLERS, KEYS = 4, 10
 #: Seconds between two kills: a worker that has lived for a second is followed at once.
@@ -84,16 +82,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     words = parser.parse_args()
     dice = random.Random(words.seed)
-    program = ["/opt/ros/noetic/bin/rosmaster", "--core", "-p", str(MASTER), "-w", "10"]
-    own = {"ROS_ROOT": "/opt/ros/noetic/share/ros", "HOME": "/tmp", "ROS_MASTER_URI": ""}
-    master = ("chroot", str(words.root), "python3", *program)
-    with tempfile.TemporaryDirectory() as directory, contextlib.ExitStack() as stack:
-        gate = [sys.executable, "-S", "-m", "rigel_gate", "--journal", f"{directory}/journal"]
-        gate += ["--port", str(GATE), "--hand-over-port", str(HAND_OVER)]
-        gate += ["--master-port", str(MASTER)]
-        source = str(Path(__file__).parents[1] / "src")
-        first = stack.enter_context(running(*gate, PYTHONPATH=source))
-        ros = subprocess.Popen(master, env={**os.environ, **own}, stdout=subprocess.DEVNULL)
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        start_gate(directory) as gate,
+        contextlib.ExitStack() as masters,
+    ):
+        master = masters.enter_context(start_master(words.root))
         until_answers(GATE)
         callers = [Caller(number) for number in range(CALLERS)]
         threads = [threading.Thread(target=one.run) for one in callers]
@@ -103,15 +97,15 @@ def main() -> None:
         restarts = 0
         for number in range(1, words.kills + 1):
             time.sleep(dice.uniform(*PAUSE))
-            children = Path(f"/proc/{first}/task/{first}/children").read_text().split()
+            children = Path(f"/proc/{gate}/task/{gate}/children").read_text().split()
             for child in children:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(int(child), signal.SIGKILL)
             if number % EACH == 0:
                 longest = max(one.longest for one in callers)
-                ros.kill()
-                ros.wait()
-                ros = subprocess.Popen(master, env={**os.environ, **own}, stdout=subprocess.DEVNULL)
+                os.kill(master, signal.SIGKILL)
+                masters.close()
+                master = masters.enter_context(start_master(words.root))
                 until_answers(MASTER)
                 lost += find_lost(callers)
                 restarts += 1
@@ -125,8 +119,6 @@ def main() -> None:
             one.stop = True
         for thread in threads:
             thread.join()
-        ros.kill()
-        ros.wait()
         print(f"lost: {', '.join(lost) or 'nothing'}, after {restarts} restarts of rosmaster")
 
 

@@ -21,12 +21,10 @@ from pathlib import Path
 
 import attrs
 
-import rigel_inpod
 from rigel_inpod.rmw_notes import WAIT, WORK
-from tests.support.layer import Built, Node, build, name
+from tests.support.layer import Built, Node, build, name, start_keeper
 from tests.support.until import until
 
-KEEPER = Path(rigel_inpod.__file__).parent / "keeper.py"
 #: Seconds until a keeper looks for other pods as rarely as it will.
 SETTLED = 305
 
@@ -36,7 +34,7 @@ class Pod:
     """A node with the layer, and its keeper."""
 
     node: Node
-    keeper: subprocess.Popen[bytes]
+    keeper: subprocess.Popen[str]
 
     def says(self, line: str) -> bool:
         """Whether its keeper has reported this."""
@@ -54,16 +52,7 @@ class Pod:
 def start(built: Built, directory: Path, port: int) -> Pod:
     """Start a pod of the one workload."""
     directory.mkdir()
-    env = {
-        **os.environ,
-        **built.options,
-        "RIGEL_RMW": str(directory),
-        "RIGEL_RMW_MODE": "wait",
-        "RIGEL_K8S_WORKLOAD": "n/r/talker",
-        "RIGEL_K8S_POD": directory.name,
-        "RIGEL_K8S_PEERS": "127.0.0.1",
-        "RIGEL_K8S_PEERS_PORT": str(port),
-    }
+    env = {**os.environ, "RIGEL_RMW": str(directory), "RIGEL_RMW_MODE": "wait", **built.options}
     process = subprocess.Popen(
         [str(word) for word in built.main],
         stdin=subprocess.PIPE,
@@ -74,8 +63,7 @@ def start(built: Built, directory: Path, port: int) -> Pod:
     node = name(Node(process, directory))
     node.do("create p /out 0")
     node.do("publish /out 1")  # it acts, so it is fit
-    line = [sys.executable, "-S", "-E", "-B", str(KEEPER), "run"]
-    return Pod(node, subprocess.Popen(line, env=env, stdout=subprocess.DEVNULL))
+    return Pod(node, start_keeper(node, directory.name, port)[1])
 
 
 def rest(pod: Pod, seconds: float) -> tuple[float, float]:

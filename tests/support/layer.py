@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -10,11 +11,13 @@ from pathlib import Path
 
 import attrs
 
+import rigel_inpod
 import rigel_rmw
 from rigel_inpod.rmw_notes import Notes
 
 PROGRAMS = Path(__file__).parents[1] / "unit/rmw/programs"
 LAYER = Path(rigel_rmw.__file__).parent / "layer.c"
+KEEPER = Path(rigel_inpod.__file__).parent / "keeper.py"
 WARNINGS = ("-std=gnu11", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-g")
 LIBRARY = ("-fPIC", "-shared", "-fvisibility=default")
 #: Of hatch_build.py.
@@ -95,3 +98,25 @@ def name(node: Node) -> Node:
     """Give a process its node `/n`."""
     node.do("node n /")
     return node
+
+
+def start_keeper(
+    node: Node, pod: str, port: int, script: Path = KEEPER, **more: str
+) -> tuple[dict[str, str], subprocess.Popen[str]]:
+    """Start the keeper of a node in a pod of the one workload; return its environment, too.
+
+    Args:
+        port: the first of four, at 127.0.0.1, where all keepers of the workload are.
+        more: further variables.
+    """
+    environ = {
+        "PATH": os.environ["PATH"],
+        "RIGEL_RMW": str(node.directory),
+        "RIGEL_K8S_WORKLOAD": "n/r/talker",
+        "RIGEL_K8S_POD": pod,
+        "RIGEL_K8S_PEERS": "127.0.0.1",
+        "RIGEL_K8S_PEERS_PORT": str(port),
+        **more,
+    }
+    line = [sys.executable, "-S", "-E", "-B", str(script), "run"]
+    return environ, subprocess.Popen(line, env=environ, stdout=subprocess.PIPE, text=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import socket
@@ -18,15 +17,12 @@ from urllib.request import urlopen
 import attrs
 import pytest
 
-import rigel_inpod
 from rigel_inpod.rmw_notes import STOP, WAIT, WORK
-from tests.support.layer import Node, name
+from tests.support.layer import KEEPER, Node, name, start_keeper
 from tests.support.until import until
 from tests.unit.rmw.conftest import Start
 
 pytestmark = pytest.mark.programs
-
-KEEPER = Path(rigel_inpod.__file__).parent / "keeper.py"
 
 
 @attrs.define
@@ -64,19 +60,8 @@ def pod(start: Start, port: int) -> Iterator[Callable[..., Pod]]:
     def begin(script: Path = KEEPER, **more: str) -> Pod:
         number = len(pods)
         node = start("wait", directory=f"pod-{number}")
-        environ = {
-            "PATH": os.environ["PATH"],
-            "RIGEL_RMW": str(node.directory),
-            "RIGEL_K8S_WORKLOAD": "n/r/talker",
-            "RIGEL_K8S_POD": f"talker-{number}",
-            "RIGEL_K8S_PEERS": "127.0.0.1",
-            "RIGEL_K8S_PEERS_PORT": str(port),
-            "NODE": str(node.process.pid),
-            **more,
-        }
-        line = [sys.executable, "-S", "-E", "-B", str(script), "run"]
-        keeper = subprocess.Popen(line, env=environ, stdout=subprocess.PIPE, text=True)
-        pods.append(Pod(node, environ, keeper))
+        more["NODE"] = str(node.process.pid)
+        pods.append(Pod(node, *start_keeper(node, f"talker-{number}", port, script, **more)))
         name(node).do("create p /out 0")
         node.do("publish /out 1")  # it acts, so it is fit
         return pods[-1]

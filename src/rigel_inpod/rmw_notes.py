@@ -34,7 +34,7 @@ OTHERS_AT = FRIENDS_AT + FRIENDS * FRIEND.size
 CONTROL_SIZE = OTHERS_AT + FRIENDS * FRIEND.size
 GOALS_KEY, ALL = 0x676F616C73, (1 << 64) - 1
 
-HEAD = struct.Struct("=8sIIQQQQIIIIIIII64s")
+HEAD = struct.Struct("=8sIIQQQIIIIIIII64s")
 SEEN = 65536  # bytes of names
 WRITER, WRITERS = struct.Struct("=Q8s16sQQQ"), 1024
 GOAL, GOALS = struct.Struct("=II16s16sq"), 256
@@ -45,8 +45,7 @@ SLOTS_AT = GOALS_AT + GOALS * GOAL.size
 
 _Head = namedtuple(
     "_Head",
-    "magic version pid birth stack started looked used full ended taking helper goals seen free"
-    " middleware",
+    "magic version pid birth stack looked used full ended taking helper goals seen free middleware",
 )
 
 #: A part of a node, or an executor. Times are ns of CLOCK_MONOTONIC, 0 for never.

@@ -291,7 +291,6 @@ static void begin(void) {
   if (new) {
     new->version = LAYER_VERSION;
     new->pid = (uint32_t)tried_by;
-    new->started = now();
     note_birth(new);
     new->helper = !!getenv("RIGEL_K8S_EXEC");
     memcpy(new->magic, "rigelrmw", sizeof new->magic);
@@ -486,7 +485,6 @@ static struct part *enter(enum layer_kind kind, const void *entity, const char *
     part->slot = take_slot(kind, name);
     if (part->slot) {
       part->slot->key = part->key;
-      part->slot->latched = part->latched;
       if (owner && owner->slot)
         part->slot->node = (uint32_t)(owner->slot - atomic_load(&file)->slot);
     }

@@ -116,7 +116,7 @@ struct layer_slot {
   _Atomic uint32_t kind;
   uint32_t node;    /* the slot of its node */
   uint32_t thread;  /* of an executor: the kernel's thread id */
-  uint32_t latched; /* whether its messages are kept for those that come later */
+  uint32_t free_;
   uint64_t key;     /* names it in every process of the workload: hash of kind, node, name, which */
   _Atomic uint64_t created;
   _Atomic uint64_t count;   /* messages, requests or turns */
@@ -141,7 +141,6 @@ struct layer_file {
   uint32_t pid;
   uint64_t birth; /* when the process started, and where its stack starts, as /proc/PID/stat has */
   uint64_t stack; /* it: they tell it from a later process, and from a later program, of its PID */
-  uint64_t started;
   _Atomic uint64_t looked; /* when partners were counted last */
   _Atomic uint32_t used;   /* slots that were in use at some time */
   _Atomic uint32_t full;   /* entities for which no slot was left */

@@ -175,14 +175,19 @@ def has_variable(node: NodeOptions, name: str) -> bool:
     return name in {str(one.name) for one in node.env}
 
 
+def patches_privileged(patch: Mapping[str, Any]) -> bool:
+    """Return whether a user's own part of a Deployment makes a container privileged."""
+    contexts = (mapping(one.get("securityContext")) for one in containers_of(patch))
+    return any(context.get("privileged") for context in contexts)
+
+
 def find_patched(patch: Mapping[str, Any]) -> str | None:
     """Return why a user's own part of a Deployment prevents two pods from running side by side."""
     spec = pod_of(patch)
     if spec.get("hostNetwork"):
         return "it uses the machine's own network"
-    for container in list_mappings(spec.get("containers")):
-        if mapping(container.get("securityContext")).get("privileged"):
-            return "it is privileged"
+    if patches_privileged(patch):
+        return "it is privileged"
     if any("persistentVolumeClaim" in one for one in list_mappings(spec.get("volumes"))):
         return "it mounts a claim that may be exclusive"
     return None

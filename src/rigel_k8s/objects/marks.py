@@ -41,6 +41,12 @@ def is_optional(manifest: Manifest) -> bool:
     return (manifest["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
 
 
+def find_development(live: Manifest | None) -> str:
+    """Return what is developed in an object, by whom, and since when; "" for nothing."""
+    notes = live["metadata"].get("annotations") if live else None
+    return str((notes or {}).get(DEVELOPMENT_ANNOTATION, ""))
+
+
 def remedy_of(manifest: Manifest) -> str:
     """Return what to do if an optional workload does not become ready, "" for nothing."""
     return str((manifest["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))

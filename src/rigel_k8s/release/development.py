@@ -17,7 +17,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, RESTARTED_ANNOTATION
+from rigel_k8s.objects.marks import RESTARTED_ANNOTATION, find_development
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
@@ -71,7 +71,7 @@ def begin(
     with hold(cluster, release, options) as lease:
         revision, manifest = find_manifest(cluster, release, ref)
         live = cluster.get(ref)
-        if note := find_note(live):
+        if note := find_development(live):
             if live is not None and is_alive(live) is not False:
                 raise UserError(note, hint=RUN_FIRST)
         elif live is None or hash_of(live) != hash_of(manifest):
@@ -101,7 +101,7 @@ def end(
     cluster.endure(options.report.line, options.cancel)
     with hold(cluster, release, options) as lease:
         live = cluster.get(ref)
-        if find_note(live) != note:
+        if find_development(live) != note:
             return
         _, manifest = find_manifest(cluster, release, ref)
         spec = {**manifest["spec"], "strategy": {"type": "Recreate"}}
@@ -113,12 +113,6 @@ def end(
             wait(run, [replaced], good, lease.check)
         finally:
             write(run, lease, manifest, replaced)
-
-
-def find_note(live: Manifest | None) -> str:
-    """Return what is developed in an object, by whom, and since when; "" for nothing."""
-    notes = live["metadata"].get("annotations") if live else None
-    return str((notes or {}).get(DEVELOPMENT_ANNOTATION, ""))
 
 
 def write(run: Run, lease: Held, manifest: Manifest, live: Manifest | None) -> Manifest:

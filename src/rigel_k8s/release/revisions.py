@@ -35,6 +35,8 @@ MAX_SIZE = 1024 * 1024
 MAX_CONTENT = 48 * MAX_SIZE
 #: What is raised where a value is of another shape than it should be.
 DAMAGES = (AttributeError, LookupError, TypeError, ValueError)
+#: The same of one that is compressed JSON.
+UNREADABLE = (*DAMAGES, OSError, EOFError, zlib.error, RecursionError)
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
@@ -302,7 +304,7 @@ def decode(record: Record) -> Revision:
         if not all(isinstance(word, str) for words in (*named, *inventory) for word in words):
             raise TypeError("what is to be text is none")
         items = tuple(InventoryItem(ObjectRef(*words[:4]), words[4]) for words in inventory)
-    except (*DAMAGES, OSError, EOFError, zlib.error, RecursionError) as error:
+    except UNREADABLE as error:
         raise unreadable_error(record, "it is damaged") from error
     notes = secret["metadata"].get("annotations") or {}
     return Revision(

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.release.revisions import UNREADABLE, decompress
 from rigel_muto.agent.commands import Command, Kill
 
 #: starting, stopping: a command is being carried out. failed: what must run is not ready, or could
@@ -133,8 +134,8 @@ def decode(data: str) -> Record:
         UserError: another version of this tool wrote it, or someone has changed it.
     """
     why = "is damaged"
-    with suppress(Exception):
-        content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
+    with suppress(*UNREADABLE):
+        content: dict[str, Any] = json.loads(decompress(base64.b64decode(data)))
         if (found := content.pop("format", None)) == FORMAT:
             content["identities"] = tuple(content["identities"])
             return Record(wanted=Wanted(**content.pop("wanted")), **content)

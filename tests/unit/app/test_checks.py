@@ -241,6 +241,7 @@ WRONG_NODES = [
     ("bad-volume", "volumes.0", "n", "{volumes: [{mount_path: /a}]}"),
     ("bad-volume", "volumes.0", "n", "{volumes: [{secret: a, config_map: b, mount_path: /a}]}"),
     ("bad-volume", "volumes.0", "n", "{volumes: [{secret: a}]}"),
+    ("bad-volume", "volumes.0.type", "n", "{volumes: [{secret: a, mount_path: /a, type: File}]}"),
     ("bad-device", "devices.0", "n", "{devices: [{count: 1}]}"),
     ("bad-device", "devices.0", "n", "{devices: [{path: /dev/a, resource: b}]}"),
     ("bad-quantity", "volumes.0.memory", "n", "{volumes: [{memory: 64, mount_path: /a}]}"),

@@ -42,7 +42,7 @@ class Container:
             times = [0, 0, 0, 0, last, doing, shared, *[0] * 18]
             slots.append(notes.SLOT.pack(EXECUTOR, 0, thread, 0, b"", *times, b"", b""))
         words = (b"rigelrmw", notes.VERSION, os.getpid(), int(fields[19]), int(fields[25]))
-        head = notes.HEAD.pack(*words, 0, 0, len(slots), *[0] * 7, b"")
+        head = notes.HEAD.pack(*words, 0, len(slots), *[0] * 7, b"")
         text = head.ljust(notes.SLOTS_AT, b"\0") + b"".join(slots)
         (self.directory / "7").write_bytes(text)
 

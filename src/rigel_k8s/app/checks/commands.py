@@ -205,12 +205,13 @@ HOOKS = (
     *(("lifecycle", "postStart"), ("lifecycle", "preStop")),
 )
 #: Options of rcl with a value: parameters, remappings, and others; and those without.
-VALUED = (
-    *("-p", "--param", "-r", "--remap", "--params-file", "--log-level", "--log-config-file"),
-    *("--log-file-name", "-e", "--enclave"),
+PARAMETERS, REMAPPINGS = ("-p", "--param"), ("-r", "--remap")
+OTHERS = (
+    *("--params-file", "--log-level", "--log-config-file", "--log-file-name"),
+    *("-e", "--enclave"),
 )
 SWITCHES = re.compile(r"--(en|dis)able-(rosout|stdout|external-lib)-logs")
-FLAG, FILLED_IN = "--ros-args", re.compile(r"\{\{|\$\(")
+FLAG = "--ros-args"
 #: A parameter, or a remapping of a private name. ROS 2 reads other remappings without a flag, too.
 ROS1_FORM = re.compile(r"(_[A-Za-z]|~(?!/))\w*:=")
 LAUNCH_FILE = re.compile(r"\.launch(\.\w+)?$")
@@ -256,7 +257,7 @@ def check_words(node: NodeOptions) -> Iterator[Problem]:
         line_path(node): program,
     }
     for path, word in named.items():
-        if word and " " in word.strip() and not has_template(word) and "$(" not in word:
+        if word and " " in word.strip() and not is_filled_in(word):
             message = (
                 f'"{word}" is one word, the name of a program or file: write a text, or a list'
             )
@@ -286,9 +287,9 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
             fault, option = explain_value(ros, option, word), ""
         elif word in (FLAG, "--"):
             reads = word == FLAG
-        elif reads and word in VALUED:
+        elif reads and word in (*PARAMETERS, *REMAPPINGS, *OTHERS):
             option = word
-        elif reads and not SWITCHES.fullmatch(word) and not FILLED_IN.search(word):
+        elif reads and not SWITCHES.fullmatch(word) and not is_filled_in(word):
             fault = f'ROS 2 does not know "{word}" behind {FLAG}: write -p or -r before it, or --'
         elif not reads and ROS1_FORM.match(word):
             fault = (
@@ -306,13 +307,18 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
 def explain_value(ros: Generation, option: str, value: str) -> str | None:
     """Return why rcl refuses the value of an option, None if it accepts it."""
     left, _, right = value.partition(":=")
-    if option in VALUED[4:] or FILLED_IN.search(value):
+    if option in OTHERS or is_filled_in(value):
         return None
     if not left or not right:
         return f'"{value}" behind {option} is not NAME:=VALUE'
-    if option in VALUED[:2] or ros.names is None or left.rpartition(":")[2].startswith("__"):
+    if option in PARAMETERS or ros.names is None or left.rpartition(":")[2].startswith("__"):
         return None
     return ros.names.explain(ros.names.source, left) or ros.names.explain(ros.names.target, right)
+
+
+def is_filled_in(word: str) -> bool:
+    """Whether a part of a word is known only when it runs: a template, or $(find PACKAGE)."""
+    return has_template(word) or "$(" in word
 
 
 def find_text(line: Sequence[str]) -> Sequence[str]:

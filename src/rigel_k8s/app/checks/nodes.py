@@ -21,7 +21,7 @@ from rigel_k8s.app.lifecycle import check_lifecycle
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.programs import SHELLS, full_name
 from rigel_k8s.app.testing import check_kind
-from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling
+from rigel_k8s.app.updating import find_clash, find_exclusive, is_rolling, patches_privileged
 from rigel_k8s.app.volumes import device_of, mount_of, source_count
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.naming import HOSTNAME
@@ -337,11 +337,7 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
     Args:
         restricted: device files are already refused, so no remedy is given for them.
     """
-    contexts = [
-        node.security_context,
-        *(one.get("securityContext") for one in containers_of(node.patch)),
-    ]
-    is_privileged = any(mapping(one).get("privileged") for one in contexts)
+    is_privileged = node.security_context.get("privileged") or patches_privileged(node.patch)
     for index, device in enumerate(map(device_of, node.devices)):
         path = ("devices", index)
         if (device.path is None) == (device.resource is None):

@@ -18,7 +18,7 @@ from rigel_k8s.commands.pods import Pod, check_script, pod_of, pods_of, run_tied
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.objects.facts import is_ending
-from rigel_k8s.objects.marks import NAME_LABEL
+from rigel_k8s.objects.marks import NAME_LABEL, find_development
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.text import plural
@@ -102,9 +102,9 @@ class Session:
         while not self.options.cancel.is_set():
             for item in split_all(list_pods(self.found.cluster, self.found.id, labels)):
                 key = find_running(item, self.pod.container)
-                if key and development.find_note(item) == self.note and not is_ending(item):
+                if key and find_development(item) == self.note and not is_ending(item):
                     return Life(pod_of(item), key, last.sent if last and last.key == key else None)
-            if development.find_note(self.found.cluster.get(self.ref)) != self.note:
+            if find_development(self.found.cluster.get(self.ref)) != self.note:
                 raise ClusterError(f"another process has deployed {self.ref.name}: stopped")
             if time.monotonic() > deadline:
                 raise ClusterError(

@@ -13,10 +13,10 @@ from typing import Any
 from rigel_k8s.errors import ConflictError, UserError
 from rigel_k8s.kube.failures import Cause, Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.marks import (
-    DEVELOPMENT_ANNOTATION,
     FIRST_ANNOTATION,
     OPTIONAL_ANNOTATION,
     RELEASE_LABEL,
+    find_development,
     is_optional,
     remedy_of,
 )
@@ -258,10 +258,9 @@ def find_obstacles(survey: Survey) -> Iterator[Problem]:
 def warn_of_obstacles(survey: Survey) -> Iterator[str]:
     """Yield a line for each workload that will not start and that can be done without.
 
-    And for each that someone develops: the deploy ends that.
+    Before that one for each that someone develops: the deploy ends that.
     """
-    found = (live["metadata"].get("annotations") or {} for live in survey.live.values())
-    notes = {str(one.get(DEVELOPMENT_ANNOTATION) or "") for one in found} - {""}
+    notes = {find_development(live) for live in survey.live.values()} - {""}
     yield from (f"{note}; this deploy ends that" for note in sorted(notes))
     by_name = {ref_of(m): m for m in survey.manifests}
     for one in survey.foreseen.obstacles:

@@ -1,9 +1,10 @@
 """The costs of the gate in front of roscore: time of a call, memory; prints a table.
 
-usage: python -m bench.gate --root DIRECTORY [--nodes 100] [--topics 1000] [--calls 2000]
+usage: python -m bench.gate --root DIRECTORY [--nodes 100] [--topics 1000] [--calls 2000] [--large]
 
 The directory is the root of a ROS 1 image (`rigel image ros1-base` leaves one in its cache); its
-rosmaster runs in it. Calls with and without the gate take turns.
+rosmaster runs in it. Calls with and without the gate take turns. With `--large`, it is measured
+how long another caller of the gate waits while parameters of up to 16 MiB are set and read.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.request
 import xmlrpc.client
 import xmlrpc.server
 from collections.abc import Callable, Iterator
@@ -94,6 +96,51 @@ def measure(calls: dict[str, Callable[[int], object]], count: int) -> dict[str, 
     return times
 
 
+def large_values() -> dict[str, object]:
+    """Return values that are about as large as a call may be."""
+    return {
+        "450,000 numbers": list(range(450_000)),
+        "100,000 names": {f"name_{number}": number for number in range(100_000)},
+        "150,000 lists": [[number] for number in range(150_000)],
+        "60,000 structs": [{"x": number, "y": 0.5} for number in range(60_000)],
+        "a text of 15 MiB": "x" * (15 * 2**20),
+        "11 MiB of bytes": xmlrpc.client.Binary(bytes(11 * 2**20)),
+    }
+
+
+def measure_large(turns: int = 5) -> None:
+    """Print how long a call waits that the gate answers itself, while large ones are answered."""
+    print("| value | seconds to set | to read | longest wait of another, ms |\n|---|---|---|---|")
+    for name, value in large_values().items():
+        body = xmlrpc.client.dumps(("/bench", "/large", value), "setParam").encode()
+        waits: list[float] = []
+        end = threading.Event()
+
+        def ask(waits: list[float] = waits, end: threading.Event = end) -> None:
+            other = connect(GATE)
+            while not end.wait(0.002):
+                started = time.perf_counter()
+                other.getUri("/bench")
+                waits.append(1000 * (time.perf_counter() - started))
+
+        thread = threading.Thread(target=ask)
+        thread.start()
+        times: list[list[float]] = []
+        for _ in range(turns):
+            request = urllib.request.Request(f"http://127.0.0.1:{GATE}", body)
+            started = time.perf_counter()
+            urllib.request.urlopen(request).read()
+            middle = time.perf_counter()
+            read = xmlrpc.client.dumps(("/bench", "/large"), "getParam").encode()
+            urllib.request.urlopen(f"http://127.0.0.1:{GATE}", read).read()
+            times.append([middle - started, time.perf_counter() - middle])
+        time.sleep(2)  # the gate writes its file anew
+        end.set()
+        thread.join()
+        took = [median(found) for found in zip(*times, strict=True)]
+        print(f"| {name} | {took[0]:.2f} | {took[1]:.2f} | {max(waits):.0f} |", flush=True)
+
+
 def memory(pid: int) -> float:
     """Return the MiB that a process and its children use; shared memory counts once."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
@@ -112,6 +159,7 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, default=100)
     parser.add_argument("--topics", type=int, default=1000)
     parser.add_argument("--calls", type=int, default=2000)
+    parser.add_argument("--large", action="store_true")
     words = parser.parse_args()
     with (
         tempfile.TemporaryDirectory() as directory,
@@ -120,6 +168,9 @@ def main() -> None:
     ):
         until_answers(MASTER)
         until_answers(GATE)
+        if words.large:
+            measure_large()
+            return
         uri = serve_node()
         fill(GATE, uri, words.nodes, words.topics)
         direct, through = connect(MASTER), connect(GATE)

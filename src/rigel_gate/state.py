@@ -14,6 +14,8 @@ from rigel_gate.parameters import Parameters, copy_tree, list_pieces
 from rigel_gate.registry import KINDS, NodeEntry, Registration, Registry
 
 Event = List[Any]
+#: Characters of a word that are written at once.
+PIECE = 2**18
 
 
 class WrittenEvent(List[Any]):
@@ -28,7 +30,17 @@ def line_of(event: Event) -> bytes:
     """Return an event as a line of a file."""
     if isinstance(event, WrittenEvent):
         return event.line
-    return json.dumps(event, ensure_ascii=False).encode("utf-8", "surrogatepass") + b"\n"
+    text = "[" + ", ".join(map(_quote, event)) + "]\n"
+    return text.encode("utf-8", "surrogatepass")
+
+
+def _quote(word: Any) -> str:
+    """Return a word as JSON; a large one in pieces, as no other thread runs within one."""
+    if not isinstance(word, str) or len(word) < PIECE:
+        return json.dumps(word, ensure_ascii=False)
+    starts = range(0, len(word), PIECE)
+    pieces = (json.dumps(word[at : at + PIECE], ensure_ascii=False)[1:-1] for at in starts)
+    return '"' + "".join(pieces) + '"'
 
 
 class GatePod(NamedTuple):

@@ -36,7 +36,7 @@ from rigel_gate.memory import (
     read_revision,
     replay,
 )
-from rigel_gate.state import Event, State, line_of, pack
+from rigel_gate.state import PIECE, Event, State, line_of, pack
 
 #: A parameter with more levels than Python's own writer of XML-RPC has.
 DEEP = 500 * "/a"
@@ -868,3 +868,9 @@ def test_a_name_makes_no_line_of_its_own(capsys: pytest.CaptureFixture[str]):
     assert said.startswith(r"gate: /n\ngate: \x1b[2J\x9b2J \u202e\u2028\ud800 ä at xxx")
     assert said.endswith("x...\n")
     assert len(said) < program.LINE + 100
+
+
+def test_a_large_word_is_written_in_pieces_as_a_small_one_would_be() -> None:
+    event = ["set", "/map", '\u00e9"\\\n\ud800' * (PIECE // 2), True]
+    whole = json.dumps(event, ensure_ascii=False)
+    assert line_of(event) == whole.encode("utf-8", "surrogatepass") + b"\n"

@@ -102,7 +102,6 @@ class Start:
         self._phase[0] = 0
 
     def use_file(self) -> None:
-        """Note that a worker uses the file."""
         self._phase[0] = 1
 
     async def finish(self, gate: Gate) -> None:
@@ -135,7 +134,6 @@ class FailureLog:
 
 
 def listen(port: int) -> socket.socket:
-    """Return a listening socket."""
     door = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     door.bind(("0.0.0.0", port))

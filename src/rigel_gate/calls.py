@@ -95,7 +95,6 @@ class Call:
 
     @property
     def params(self) -> tuple[Any, ...]:
-        """Its arguments."""
         found = self._read_params() if self._params is None else self._params
         if isinstance(found, BadCall):
             raise found
@@ -133,7 +132,6 @@ class Answer:
 
     @classmethod
     def good(cls, message: str, value: Any) -> Answer:
-        """Return a success."""
         return cls([1, message, value])
 
     @property
@@ -157,7 +155,6 @@ class Answer:
 
     @property
     def is_success(self) -> bool:
-        """Whether the code is 1."""
         value = self.value
         return isinstance(value, list) and len(value) == 3 and value[0] == 1
 

@@ -272,7 +272,6 @@ class Connection:
         await self._reader.read(1)
 
     def close(self) -> None:
-        """Close it."""
         self._writer.close()
 
 
@@ -349,7 +348,6 @@ class HttpLinks:
         return await compute(work)
 
     async def sleep(self, seconds: float) -> None:
-        """Wait."""
         await asyncio.sleep(seconds)
 
     def now(self) -> float:

@@ -97,7 +97,6 @@ class Registry:
                 del self.nodes[node]
 
     def forget(self, node: str) -> None:
-        """Remove a node."""
         self.nodes.pop(node, None)
 
     def api_of(self, node: str) -> str | None:

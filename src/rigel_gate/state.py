@@ -27,7 +27,6 @@ class WrittenEvent(List[Any]):
 
 
 def line_of(event: Event) -> bytes:
-    """Return an event as a line of a file."""
     if isinstance(event, WrittenEvent):
         return event.line
     text = "[" + ", ".join(map(_quote, event)) + "]\n"
@@ -118,7 +117,6 @@ class State:
         self.left_out = 0
 
     def apply(self, event: Event) -> None:
-        """Apply an event."""
         getattr(self, f"_on_{event[0]}")(*event[1:])
         self.revision += event[0] != REVISION
 
@@ -139,7 +137,6 @@ class State:
         return [one for one in reversed(list(self.newcomers.values())) if one.name == node]
 
     def newcomers_at(self, host: str) -> list[Newcomer]:
-        """Return the newcomers at an address."""
         return [one for one in self.newcomers.values() if one.host == host]
 
     def has_node(self, api: str) -> bool:
@@ -247,5 +244,4 @@ def pack(value: Any) -> str:
 
 
 def unpack(text: str) -> Any:
-    """Return the value of a text of `pack`."""
     return xmlrpc.client.loads(text)[0][0]

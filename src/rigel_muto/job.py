@@ -63,7 +63,6 @@ class MutoAgentJob:
         return release_of(options, settings, cluster)
 
     def parts(self, options: MutoAgent, job: JobContext, cluster: Cluster | None) -> Sequence[Part]:
-        """Return the agent."""
         from rigel_k8s.release.part import Part
 
         rigelfile = grammar.load(job.settings.rigelfile, os.environ)

@@ -150,7 +150,6 @@ class _Node:
         self.remarks.append(loss(at, message, kind=kind, node=str(node), option=path))
 
     def _list(self, key: str) -> list[YamlNode]:
-        """Return the mappings of a list."""
         section = self._content.get(key)
         if section is None:
             return []
@@ -162,7 +161,6 @@ class _Node:
         return list(entries)
 
     def _text(self, entry: YamlNode, key: str) -> str:
-        """Return a text that an entry of a list must have."""
         value = entry.value.get(key)
         if value is None or is_empty(value):
             raise Unreadable(error(entry, f'the key "{key}" is missing', "missing-key"))

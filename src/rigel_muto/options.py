@@ -57,5 +57,4 @@ class Muto:
 
     @property
     def access(self) -> Access:
-        """How to log in there."""
         return Access(self.token, self.user, self.password)

@@ -73,7 +73,6 @@ class Stack:
 
 
 def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = False) -> Stack:
-    """Return the stack that a mapping with sections is."""
     remarks: list[Remark] = []
     found = {key: _list_entries(place.value, key, remarks) for key in SECTIONS}
     known = (*SECTIONS, *DESCRIPTIONS)

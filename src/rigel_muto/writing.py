@@ -52,7 +52,6 @@ class Target:
 
     @property
     def is_ros2(self) -> bool:
-        """Whether the distribution is one of ROS 2."""
         return self.distro.lower() in ROS2
 
 

@@ -26,7 +26,6 @@ MACHINE = "if the cluster has several machines, set placement: {node: NAME} to t
 
 
 def add_volumes(service: Service) -> None:
-    """Add what a service mounts."""
     for item in service.content.get("volumes").elements():
         source, target, read_only = item.mount()
         volume = {"mount_path": target, **({"read_only": True} if read_only else {})}
@@ -65,7 +64,6 @@ def add_local(service: Service, item: Value, source: str, target: str, *, read_o
 
 
 def add_devices(service: Service) -> None:
-    """Add the devices of a service."""
     for item in service.content.get("devices").elements():
         path, target, *_ = [*item.written.split(":"), ""]
         if DIRECTORIES.fullmatch(path):

@@ -96,7 +96,6 @@ def read_services(
 
 
 def read_environment(service: Service, variables: Variables) -> None:
-    """Read the variables of a service."""
     for item in service.content.get("env_file").elements():
         file = item.get("path") if item.entries() else item
         if not file.path().is_file():

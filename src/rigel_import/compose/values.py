@@ -133,7 +133,6 @@ class Variables:
         return Value(place) if node.value is None else self.fill(node.raw or "", place)
 
     def fill(self, text: str, place: Place) -> Value:
-        """Return a text with its variables filled in."""
         written = REFERENCE.sub(lambda match: self._replace(match, place), text)
         content = USED_VAR.sub(lambda match: self.values.get(match[1], ""), written)
         return Value(place, content, written)

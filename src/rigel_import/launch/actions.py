@@ -84,7 +84,6 @@ def set_env(scope: Scope, entity: Entity) -> None:
 
 
 def read_passed(scope: Scope, entity: Entity) -> Arguments:
-    """Return the arguments that an `include` passes."""
     passed: Arguments = {}
 
     def add(scope: Scope, arg: Entity) -> None:

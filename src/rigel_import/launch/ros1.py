@@ -11,7 +11,6 @@ from rigel_k8s.errors import UserError
 
 
 def take_group(scope: Scope, entity: Entity) -> None:
-    """Take the tags of a group."""
     namespace = join(scope.namespace, scope.read_known(entity, "ns", ""))
     take(scope.copy(namespace=namespace), entity.children, TAGS)
 

@@ -93,7 +93,6 @@ def _read_text(text: str, entity: Entity) -> Any:
 
 
 def take_node(scope: Scope, entity: Entity) -> None:
-    """Add a node."""
     add_node(scope, entity, "exec", "namespace", NODE_TAGS)
 
 

@@ -114,7 +114,6 @@ class Scope:
         return resolved
 
     def _replace(self, inside: str, place: Place) -> str:
-        """Return what takes the place of `$(inside)`."""
         inner = self.resolve(inside, place)
         word, _, rest = inner.strip().partition(" ")
         if word == "eval":

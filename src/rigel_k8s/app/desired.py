@@ -100,7 +100,6 @@ class Draft:
 
     @property
     def objects(self) -> tuple[Object, ...]:
-        """Its objects."""
         return tuple(item for _, item in self.traced)
 
     @property

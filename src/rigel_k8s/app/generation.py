@@ -105,7 +105,6 @@ class Generation(Ros):
 
     @classmethod
     def of(cls, ros: Ros) -> Generation:
-        """Return the generation of a ROS."""
         return cls(**{field.name: getattr(ros, field.name) for field in attrs.fields(Ros)})
 
     def of_node(self, node: NodeOptions) -> Generation:

@@ -102,7 +102,6 @@ class RosNode:
 
     @property
     def name(self) -> str:
-        """The Kubernetes name."""
         return self.key if self.is_application else object_name(self.key)
 
     @property
@@ -195,7 +194,6 @@ class NodePart:
 def pod_objects(
     release: ReleaseContext, nodes: Sequence[RosNode], plan: NetworkPlan
 ) -> Iterator[Object]:
-    """Yield the objects of the nodes of one pod."""
     first = nodes[0]
     release = attrs.evolve(release, ros=first.ros)
     plan = plan_of(first, plan)

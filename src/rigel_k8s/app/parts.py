@@ -59,7 +59,6 @@ class Parts:
 
     @property
     def ros(self) -> Generation:
-        """Which ROS it is."""
         return GENERATIONS[self.release.ros.name]
 
     @property

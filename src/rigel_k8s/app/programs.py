@@ -36,7 +36,6 @@ VALUES = "99-parameters.json"
 
 
 def full_name(key: str, node: NodeOptions) -> str:
-    """Return the full ROS name of a node."""
     return ros_name(node.name or key, node.namespace)
 
 

@@ -160,7 +160,6 @@ def storage_class(volume: Volume) -> str | None:
 
 
 def claim(volume: Volume, namespace: str, release: str) -> Object:
-    """Return a volume's claim."""
     spec = {
         "accessModes": [volume.access_mode],
         "resources": {"requests": {"storage": str(volume.size)}},

@@ -41,7 +41,6 @@ def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # 
 
 
 def summary_table(found: Sequence[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:
-    """Return releases as a table."""
     from rigel_k8s.cli.tables import age, table
 
     rows = [

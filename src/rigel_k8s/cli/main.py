@@ -92,7 +92,6 @@ class Commands(click.Group):
     """A group whose commands' modules are imported when a command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return all names."""
         return list(list_all_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:

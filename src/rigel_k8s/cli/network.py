@@ -195,7 +195,6 @@ def show(found: NetworkStatus) -> None:
 
 
 def line_of(part: PartStatus | None) -> str:
-    """Return where a part is and who installed it."""
     if part is None:
         return "not installed: rigel network install"
     by = "installed by rigel" if part.ours else "installed by others, used as it is"

@@ -129,7 +129,6 @@ def show(opened: Opened) -> None:
 
 
 def login(administrator: Administrator | None) -> str:
-    """Return how to log in."""
     if administrator is None:
         return ""
     if administrator.why_not:

@@ -108,7 +108,6 @@ def logs(
 
 
 def text_of(line: LogLine, *, timestamps: bool) -> str:
-    """Return a line as text."""
     text = CONTROLS.sub("", line.text)
     return f"{stamp(line.time)} {text}" if timestamps and line.time else text
 

@@ -28,7 +28,6 @@ class Lines:
         self._states: dict[str, str] = {}
 
     def line(self, text: str) -> None:
-        """Print a line."""
         if not self._quiet:
             self._print(text)
 
@@ -137,7 +136,6 @@ class _Table:
 
 
 def cut(text: str, width: int) -> str:
-    """Return the beginning of a text."""
     return text if len(text) <= width else f"{text[: width - 1]}…"
 
 

@@ -66,7 +66,6 @@ def count(errors: int, warnings: int) -> str:
 
 
 def finding_json(name: str, finding: object) -> dict[str, object]:
-    """Return a finding for scripts."""
     from rigel_k8s.rigelfile import Finding
 
     assert isinstance(finding, Finding)

@@ -177,7 +177,6 @@ def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
 
 
 def problem_lines(found: LiveGraph) -> Iterator[str]:
-    """Yield what is wrong."""
     for problem in found.problems:
         text = make_printable(problem.text, most=None)
         yield click.style(text, fg="red", bold=problem.is_error or None)

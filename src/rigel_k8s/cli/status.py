@@ -305,7 +305,6 @@ def status_json(
 
 
 def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
-    """Return a workload for scripts."""
     return {
         "kind": workload.kind,
         "name": workload.name,

@@ -30,7 +30,6 @@ class Steps:
         self._lock = threading.Lock()
 
     def warn(self, text: str) -> None:
-        """Print a warning."""
         self.line(text)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:

@@ -75,7 +75,6 @@ def show(found: Top, output: str) -> None:
 
 
 def cells(row: UsageRow) -> list[str]:
-    """Return a row's cells."""
     return [
         row.workload,
         row.ros_name or "-",
@@ -91,7 +90,6 @@ def cells(row: UsageRow) -> list[str]:
 
 
 def show_topics(found: Topics, output: str) -> None:
-    """Print topics."""
     from rigel_k8s.cli.tables import table
 
     if output == "json":
@@ -105,7 +103,6 @@ def show_topics(found: Topics, output: str) -> None:
 
 
 def topic_cells(row: TopicUsage) -> list[str]:
-    """Return a topic's cells."""
     return [
         row.name,
         row.type or "-",

@@ -77,7 +77,6 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Return seconds."""
         if isinstance(value, int | float):
             return float(value)
         units = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
@@ -112,7 +111,6 @@ json_option = click.option(
 
 
 def print_json(data: Any) -> None:
-    """Print data for a script."""
     click.echo(json.dumps(data, indent=2, default=str))
 
 

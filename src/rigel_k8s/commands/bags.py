@@ -163,7 +163,6 @@ def fetch(
 
 
 def copy(recorder: Recorder, bag: Bag, to: Path, report: Reporter) -> Path:
-    """Copy one bag and return where it is."""
     target, partial = to / bag.target, to / f".{bag.target}.partial"
     if target.exists():
         report.line(f"{target} exists already")
@@ -219,7 +218,6 @@ class Sink:
     count: int = 0
 
     def write(self, data: bytes) -> int:
-        """Write to the file."""
         self.file.write(data)
         self.count += len(data)
         self.progress.add(len(data))

@@ -85,7 +85,6 @@ def rights(cluster: Cluster, namespace: str) -> Iterator[Need]:
 
 
 def list_all(rights: Iterable[Right]) -> str:
-    """Return rights as one line."""
     return "; ".join(describe(rights))
 
 

@@ -130,13 +130,11 @@ def pod_of(item: dict[str, Any]) -> Pod:
 
 
 def restarts_of(status: dict[str, Any], container: str) -> int:
-    """Return how often a container was restarted."""
     counts = {s["name"]: s["restartCount"] for s in status.get("containerStatuses") or []}
     return int(counts.get(container, 0))
 
 
 def release_pods(found: Release) -> list[Pod]:
-    """Return all pods of a release."""
     pods = map(pod_of, split_all(list_pods(found.cluster, found.id)))
     return sorted(pods, key=lambda pod: (pod.workload, pod.created))
 

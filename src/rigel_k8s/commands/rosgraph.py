@@ -34,7 +34,6 @@ class LiveGraph:
 
     @property
     def ok(self) -> bool:
-        """Whether there is no error."""
         return not any(problem.is_error for problem in self.problems)
 
 

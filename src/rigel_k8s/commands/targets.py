@@ -202,14 +202,12 @@ class Warnings:
         """Show nothing."""
 
     def warn(self, text: str) -> None:
-        """Keep a warning."""
         self.texts.append(text)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
         """Show nothing."""
 
     def child(self, name: str) -> Warnings:
-        """Return itself."""
         return self
 
 

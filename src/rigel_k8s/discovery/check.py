@@ -128,7 +128,6 @@ def refuse_crashes(
 
 
 def name_of(pod: Manifest) -> str:
-    """Return a pod's name."""
     return str(pod["metadata"]["name"])
 
 

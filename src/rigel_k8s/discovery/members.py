@@ -171,6 +171,5 @@ def has_layer(container: Mapping[str, Any]) -> bool:
 
 
 def runs(status: Mapping[str, Any], container: str) -> bool:
-    """Whether a container of a pod runs."""
     states = status.get("containerStatuses") or []
     return any(s["name"] == container and "running" in (s.get("state") or {}) for s in states)

@@ -97,7 +97,6 @@ def mark(dockerfile: str, buildargs: Mapping[str, str]) -> str:
 
 
 def lines(text: Sequence[str], buildargs: Mapping[str, str]) -> Iterator[str]:
-    """Yield the lines and the labels."""
     in_stage, goes_on = False, False
     for line in text:
         yield line

@@ -152,7 +152,6 @@ class Cluster(Store, Watching, Pods, Execution, Forwarding):
         return self.client.resources.find(api_version, kind) is not None
 
     def nodes(self) -> Sequence[dict[str, Any]]:
-        """Return all nodes."""
         return self.list("v1", "Node")
 
     def events(self, live: Manifest) -> Sequence[dict[str, Any]]:

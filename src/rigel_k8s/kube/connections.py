@@ -72,7 +72,6 @@ class Connections:
             self.kept.clear()
 
     def pool(self) -> urllib3.PoolManager:
-        """Return the pool for requests."""
         options = self.options()
         with self.lock:
             if self.kept is None:

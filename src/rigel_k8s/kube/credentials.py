@@ -106,7 +106,6 @@ def impersonation(user: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def bearer(token: str) -> Headers:
-    """Return the header of a token."""
     return [("Authorization", f"Bearer {token}")]
 
 

@@ -122,7 +122,6 @@ def open_session(
     stdin: bool,
     tty: bool,
 ) -> Websocket:
-    """Start a command in a container."""
     what = f"run {command[0]} in Pod {namespace}/{pod}"
     query: Mapping[str, Any] = {
         "command": list(command),
@@ -239,5 +238,4 @@ class Terminal:
             self.handler = signal.signal(signal.SIGWINCH, lambda *_: self.report_size())
 
     def report_size(self) -> None:
-        """Report the size now."""
         self.resized(os.get_terminal_size(self.number))

@@ -72,7 +72,6 @@ class Forwarding:
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """Return a socket that listens."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     try:
         return socket.create_server((address, port), family=family)

@@ -142,7 +142,6 @@ def choose_context(config: Mapping[str, Any], context: str | None, files: Sequen
 
 
 def from_context(config: Mapping[str, Any], name: str) -> Target:
-    """Return the target of one context."""
     context = config["contexts"][name]
     cluster = config["clusters"].get(str(context.get("cluster")))
     user = config["users"].get(str(context.get("user")), {})

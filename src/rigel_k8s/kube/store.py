@@ -179,7 +179,6 @@ class Store:
         style: Literal["merge", "strategic"] = "merge",
         subresource: str = "",
     ) -> dict[str, Any]:
-        """Patch an object."""
         what = f"patch {ref}"
         query = {"fieldManager": FIELD_MANAGER}
         url = self.client.path_of(ref, what, subresource=subresource, query=query)

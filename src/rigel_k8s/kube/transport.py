@@ -340,7 +340,6 @@ class Resending:
         return self.within(pause, RETRY_BUDGET if status == 500 else AWAY)
 
     def within(self, pause: float, budget: float) -> float | None:
-        """Return a pause if there is time for it."""
         return pause if time.monotonic() - self.started + pause <= budget else None
 
     def is_noticeable(self, pause: float) -> bool:

@@ -44,7 +44,6 @@ class Watched:
     seen: dict[str, dict[str, Any]] = attrs.field(factory=dict)
 
     def remember(self, event: WatchEvent) -> None:
-        """Note one event."""
         meta = event.object["metadata"]
         self.garbled = self.forgotten = 0
         if event.type == "DELETED":
@@ -55,7 +54,6 @@ class Watched:
 
 
 def label_selector(labels: str | Mapping[str, str] | None) -> str:
-    """Return labels as a selector."""
     if labels is None or isinstance(labels, str):
         return labels or ""
     return ",".join(f"{key}={value}" for key, value in labels.items())

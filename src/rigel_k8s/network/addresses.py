@@ -47,7 +47,6 @@ class Pool:
         return any(first <= int(address) <= last for first, last in self.stretches)
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return sum(last - first + 1 for first, last in self.stretches)
 
     def iterate_from(self, number: int) -> Iterator[IPv4Address]:

@@ -156,7 +156,6 @@ def problem_at(
 
 
 def check_subnet(text: str, subnet: IPv4Network) -> Iterator[Problem]:
-    """Yield what is wrong with a subnet."""
     address = text.partition("/")[0]
     if IPv4Address(address) != subnet.network_address:
         yield problem_at("subnet", f"{address} is an address within it; the subnet is {subnet}")

@@ -200,7 +200,6 @@ ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
 def leaf(name: str, text: str) -> list[str]:
-    """Return an element with a text."""
     return [f"<{name}>{text.translate(ESCAPES)}</{name}>"]
 
 

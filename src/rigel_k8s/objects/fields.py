@@ -33,7 +33,6 @@ def option(
 
 
 def required_field(doc: str) -> Any:
-    """Return a field that must be given."""
     return attrs.field(metadata={"doc": doc})
 
 

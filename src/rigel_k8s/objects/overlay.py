@@ -118,7 +118,6 @@ def mapping(value: Any) -> Mapping[str, Any]:
 
 
 def list_mappings(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Yield the mappings of a list."""
     items = value if isinstance(value, list | tuple) else ()
     yield from (one for one in items if isinstance(one, Mapping))
 

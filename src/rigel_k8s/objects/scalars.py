@@ -304,7 +304,6 @@ class Duration(Text):
 
     @property
     def seconds(self) -> float:
-        """The same in seconds."""
         units = {"h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "": 1.0}
         parts = re.findall(r"(\d+(?:\.\d+)?)(ms|[hms]?)", self)
         return sum(float(number) * units[unit] for number, unit in parts)
@@ -353,6 +352,5 @@ class Retention(Text):
 
     @property
     def seconds(self) -> float:
-        """The same in seconds."""
         units = {"y": 31_536_000, "w": 604_800, "d": 86_400, "h": 3600, "m": 60, "s": 1, "ms": 1e-3}
         return sum(float(n) * units[u] for n, u in re.findall(r"(\d+)(ms|[smhdwy])", self))

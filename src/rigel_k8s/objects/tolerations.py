@@ -32,7 +32,6 @@ def stays(pod: Mapping[str, Any]) -> bool:
 
 
 def toleration(item: Toleration) -> Object:
-    """Return one toleration."""
     fields = {
         "key": str(item.key) if item.key else None,
         "operator": item.operator or ("Exists" if item.value is None else "Equal"),

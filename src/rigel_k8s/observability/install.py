@@ -46,7 +46,6 @@ class StackHooks(Hooks):
             ensure_administrator(run.cluster, run.release.namespace, self.password)
 
     def after_write(self, run: Run, revision: Revision | None, seen: Look) -> None:
-        """Report its revision."""
         away = ", ".join(run.part.away)
         if seen.writes and revision is not None:
             left = f"; not waited for, since unreachable: {away}" if away else ""

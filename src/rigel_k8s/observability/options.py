@@ -241,7 +241,6 @@ class Observability:
 
 
 def collector_part(options: Observability, name: str) -> Part:
-    """Return the options of a collector by its name."""
     part: Part = getattr(options, name.replace("-", "_"))
     return part
 

@@ -160,7 +160,6 @@ class Applier:
                 self.ended.add(step.ref)
 
     def wait_until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
-        """Wait until no pod has some labels."""
         end = time.monotonic() + self.limit
         while time.monotonic() < end:
             self.go_on()

@@ -82,7 +82,6 @@ class History:
         ]
 
     def make_entry(self, record: Record, before: int | None, now: int, *, replaced: bool) -> Entry:
-        """Return one entry."""
         number, notes = record.number, record.secret["metadata"].get("annotations") or {}
         workloads = self._contents[number].workloads.values()
         found = [image for live in workloads for image in images(live).values()]

@@ -30,7 +30,6 @@ def hash_of(manifest: Manifest) -> str:
 
 
 def add_label(manifest: Manifest, release: ReleaseId) -> dict[str, Any]:
-    """Return a manifest with labels of its release."""
     meta = dict(manifest["metadata"])
     meta["labels"] = {**(meta.get("labels") or {}), RELEASE_LABEL: release.name}
     if not meta.get("namespace"):
@@ -40,7 +39,6 @@ def add_label(manifest: Manifest, release: ReleaseId) -> dict[str, Any]:
 
 
 def add_hash(manifest: Manifest) -> dict[str, Any]:
-    """Return a manifest with the hash of its content."""
     meta = dict(manifest["metadata"])
     others = {k: v for k, v in (meta.get("annotations") or {}).items() if k != HASH_ANNOTATION}
     text = json.dumps({**manifest, "metadata": {**meta, "annotations": others}}, sort_keys=True)

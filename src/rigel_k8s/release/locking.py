@@ -66,7 +66,6 @@ def describe(ref: ObjectRef, lease: dict[str, Any]) -> str:
 
 
 def holder(lease: dict[str, Any]) -> str:
-    """Return the holder of a Lease."""
     return str(lease["spec"].get("holderIdentity") or "an unknown process")
 
 

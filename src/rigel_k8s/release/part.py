@@ -122,7 +122,6 @@ class Part:
 
     @property
     def release(self) -> ReleaseId:
-        """Its release."""
         return self.desired.release
 
 
@@ -191,17 +190,14 @@ class Run:
 
     @property
     def desired(self) -> Desired:
-        """What should be there."""
         return self.part.desired
 
     @property
     def release(self) -> ReleaseId:
-        """The release."""
         return self.part.release
 
     @property
     def report(self) -> Reporter:
-        """Where it reports to."""
         return self.options.report
 
     @property
@@ -222,7 +218,6 @@ class Run:
 
 
 def order(parts: Iterable[Part]) -> list[Part]:
-    """Return parts in the order in which they are written."""
     return sorted(parts, key=lambda part: RANKS.index(part.rank))
 
 

@@ -101,7 +101,6 @@ def pull_images(run: Run, plan: Plan, good: int, still_ours: Callable[[], None])
 
 
 def has_label(pod: Manifest, key: str, value: str) -> bool:
-    """Whether a pod has a label."""
     return bool((pod["metadata"].get("labels") or {}).get(key) == value)
 
 

@@ -58,7 +58,6 @@ def make_plan(
 
 
 def find_objects(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
-    """Return all that exists of a release."""
     if cluster.get(namespace_ref(release)) is None:
         return {}
     records = revisions.records(cluster, release)

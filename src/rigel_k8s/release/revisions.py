@@ -210,7 +210,6 @@ def choose_recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
 
 
 def encode(revision: Revision) -> dict[str, Any]:
-    """Return the Secret of a revision."""
     ref = secret_ref(revision.release, revision.number)
     data = base64.b64encode(compress(write_content(revision))).decode()
     notes = {
@@ -290,7 +289,6 @@ def fake_uid(ref: ObjectRef) -> str:
 
 
 def decode(record: Record) -> Revision:
-    """Return the revision of a record."""
     secret = record.secret
     try:
         payload = json.loads(decompress(base64.b64decode(secret["data"]["release"])))

@@ -123,6 +123,5 @@ def choose_record(
 def no_revision_error(
     records: Sequence[revisions.Record], release: ReleaseId, what: str
 ) -> UserError:
-    """Return the error for a revision that is not kept."""
     numbers = ", ".join(str(record.number) for record in records) or "none"
     return UserError(f"{release.name} has {what}", hint=f"see `rigel history`; kept: {numbers}")

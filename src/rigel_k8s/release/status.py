@@ -166,7 +166,6 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
 
 
 def no_release_error(release: ReleaseId) -> UserError:
-    """Return the error for a release that is not on the cluster."""
     return UserError(
         f"there is no release {release.name} in the namespace {release.namespace}",
         hint="-n NAMESPACE or --context NAME, if it is elsewhere; `rigel list -A` lists all",
@@ -274,7 +273,6 @@ def describe_nodes(live: Manifest, surroundings: Surroundings) -> Iterator[Workl
 
 
 def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadStatus:
-    """Return the state of one workload."""
     sets, pods = surroundings.list_sets(live), surroundings.list_pods(live)
     newest = surroundings.list_newest_pods(live)
     state = readiness_among(live, newest, pods)
@@ -314,7 +312,6 @@ def choose_part(pod: Manifest, node: str) -> Manifest:
 
 
 def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
-    """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
     stopped, not_alive = find_liveness_failure(pod, events)
     return PodStatus(

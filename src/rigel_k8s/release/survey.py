@@ -78,7 +78,6 @@ class Survey:
 
     @property
     def next_number(self) -> int:
-        """The number of the next revision."""
         return self.history[-1].number + 1 if self.history else 1
 
 

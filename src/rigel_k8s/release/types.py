@@ -111,7 +111,6 @@ class Plan:
 
     @property
     def changes(self) -> tuple[Step, ...]:
-        """The steps that write."""
         return tuple(step for step in self.steps if step.writes)
 
     @property

@@ -51,7 +51,6 @@ class CheckResult:
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """What is only reported."""
         return tuple(f for f in self.findings if f.severity == "warning")
 
     def render_findings(self, width: int = LONGEST_LINE) -> list[str]:

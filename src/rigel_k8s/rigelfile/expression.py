@@ -177,7 +177,6 @@ def _compile(text: str) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1)
 def environment() -> Environment:
-    """Return the environment of all expressions."""
     found = ImmutableSandboxedEnvironment(undefined=StrictUndefined, optimized=False)
     found.globals = {"range": found.globals["range"], "dict": dict}
     found.filters = {name: work for name, work in found.filters.items() if name not in LEFT_OUT}

@@ -151,7 +151,6 @@ def _cut(line: str, at: int, room: int) -> tuple[str, int]:
 
 
 def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError:
-    """Return the error with all findings."""
     found = sort_findings(findings)
     count = sum(finding.severity == "error" for finding in found)
     return ProblemsError(

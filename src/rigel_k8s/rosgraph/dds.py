@@ -107,7 +107,6 @@ def group(endpoints: Iterable[Sequence[str]]) -> defaultdict[str, list[tuple[str
 def parse_topic(
     name: str, publishers: Sequence[tuple[str, str]], subscribers: Sequence[tuple[str, str]]
 ) -> GraphTopic:
-    """Return one topic."""
     kind, mismatches = compare_types([*publishers, *subscribers])
     return GraphTopic(name, kind, name_nodes(publishers), name_nodes(subscribers), mismatches)
 

@@ -152,7 +152,6 @@ def describe(node: GraphNode) -> str:
 
 
 def make_pill(topic: GraphTopic, places: Mapping[str, str], *, bad: bool) -> Pill:
-    """Return a topic as it is shown."""
     owners = topic.publishers or topic.subscribers
     groups = Counter(places[name] for name in owners)
     everywhere = {places[name] for name in (*topic.publishers, *topic.subscribers)}
@@ -208,7 +207,6 @@ def write_dot(picture: Picture) -> str:
 
 
 def write_box(box: Box) -> str:
-    """Return a node."""
     style = "filled,dashed" if box.missing else "filled"
     more = [BAD] if box.bad else []
     words = [f"label={lines(box.name, box.note)}", f'style="{style}"']
@@ -216,7 +214,6 @@ def write_box(box: Box) -> str:
 
 
 def write_pill(pill: Pill) -> str:
-    """Return a topic."""
     more = [BAD] if pill.bad else []
     words = [f"label={lines(show_name(pill.name), pill.type, pill.rate)}"]
     look = ['style="rounded,filled"', 'fillcolor="#e3eefc"']
@@ -224,7 +221,6 @@ def write_pill(pill: Pill) -> str:
 
 
 def write_arrows(picture: Picture) -> Iterator[str]:
-    """Yield the edges."""
     for arrow in picture.arrows:
         ends = [identify(f"node {arrow.node}"), identify(f"topic {arrow.topic}")]
         one, other = ends if arrow.out else ends[::-1]

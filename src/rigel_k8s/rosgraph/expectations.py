@@ -42,7 +42,6 @@ class Verdict:
         return self.topic, self.finding.what
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for scripts."""
         return {"topic": self.topic, **self.finding._asdict()}
 
     @property
@@ -102,6 +101,5 @@ def read_topic(topic: GraphTopic | None) -> Reading:
 
 
 def list_broken(before: Iterable[Verdict], after: Iterable[Verdict]) -> list[Verdict]:
-    """Return what is broken now and was not before."""
     known = {one.key for one in before if one.broken}
     return [one for one in after if one.broken and one.key not in known]

@@ -137,7 +137,6 @@ def parse(answers: Mapping[str, Answer], pods: Mapping[str, GraphPod]) -> RosGra
 def make_topic(
     name: str, publishers: Sequence[Part], subscribers: Sequence[Part], rate: float
 ) -> GraphTopic:
-    """Return one topic."""
     kind, mismatches = compare_types(
         [(part.node, part.type) for part in (*publishers, *subscribers) if part.type]
     )

@@ -28,9 +28,7 @@ class Lazily(Mapping[str, T], Generic[T]):
         return value
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
         return iter(self.homes)
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return len(self.homes)

@@ -108,11 +108,9 @@ class Blob:
 
     @property
     def path(self) -> str:
-        """Its path in an archive."""
         return f"blobs/{self.digest.replace(':', '/')}"
 
     def read(self) -> bytes:
-        """Return the content."""
         with self.open() as file:
             return file.read()
 

@@ -67,7 +67,6 @@ def write_tree(tree: Tree, directory: Path) -> None:
 
 
 def is_empty(directory: Path) -> bool:
-    """Return whether a directory has no entry."""
     return next(directory.iterdir(), None) is None
 
 

@@ -67,7 +67,6 @@ def make_boxes(
 
 
 def make_topics(graph: RosGraph, picture: Picture) -> Entries:
-    """Return the entries of the topics that a picture shows."""
     topics = {topic.name: topic for topic in graph.topics}
     return {
         f"topic/{pill.name}": {

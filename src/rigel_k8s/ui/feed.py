@@ -50,7 +50,6 @@ class Feed:
             return self._entries.get(key)
 
     def list_group(self, group: str) -> Entries:
-        """Return the entries of a group."""
         with self._lock:
             return {k: v for k, v in self._entries.items() if k.partition("/")[0] == group}
 
@@ -145,7 +144,6 @@ class Changes:
 
     @property
     def running(self) -> bool:
-        """Whether a rollback is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def close(self) -> None:
@@ -167,13 +165,11 @@ class PageReport:
         self._publish()
 
     def line(self, text: str) -> None:
-        """Add a line."""
         with self._lock:
             self._lines = [*self._lines, text][-SHOWN:]
             self._publish()
 
     def warn(self, text: str) -> None:
-        """Add a warning."""
         self.line(f"warning: {text}")
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
@@ -185,7 +181,6 @@ class PageReport:
             self._publish()
 
     def end(self, state: str, message: str) -> None:
-        """Show how it ended."""
         with self._lock:
             self._entry |= {"state": state, "message": message}
             self._publish()

@@ -60,7 +60,6 @@ class Overview:
         return any(shown < since + lasts <= now for since, lasts in passing)
 
     def describe(self, view: ReleaseView, now: float) -> Mapping[str, Entries]:
-        """Return entries by their group."""
         surroundings = view.look_around()
         records = None
         if SECRET not in view.refused:

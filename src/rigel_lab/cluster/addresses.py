@@ -49,7 +49,6 @@ class Addresses:
         return str(self.machines.network_address + number)
 
     def pod_range(self, node: str) -> str:
-        """Return the range of one node's pods."""
         index = int(node.removeprefix("node"))
         return str(list(Network(self.pods).subnets(new_prefix=24))[index])
 

@@ -27,7 +27,6 @@ def list_offered(extras: Iterable[str]) -> list[str]:
 
 
 def extra_images(components: Components, extras: Iterable[str]) -> list[Image]:
-    """Return the requested images."""
     return [
         make_image(components, extra, spec) for extra in extras for spec in EXTRAS[extra].values()
     ]

@@ -103,7 +103,6 @@ class GoBuild:
 
     @property
     def program_names(self) -> list[str]:
-        """The names of its programs."""
         built = [MAJOR.sub("", package).rsplit("/", 1)[-1] for package in self.packages]
         return [self.renamed.get(name, name) for name in built]
 
@@ -205,7 +204,6 @@ class Progress:
     reported: float = float("-inf")
 
     def count(self, line: str) -> None:
-        """Count one line of the build."""
         self.done += " " not in line
         if time.monotonic() - self.reported > REPORT_EVERY:
             self.reported = time.monotonic()

@@ -64,7 +64,6 @@ class Layout:
         return f"{self.control_plane}:{REGISTRY_PORT}"
 
     def namespace(self, machine: str) -> str:
-        """Return the network namespace of a machine."""
         return f"rigel-{self.name}-{machine}"
 
     def address(self, machine: str) -> str:
@@ -87,7 +86,6 @@ class Layout:
         return path
 
     def program(self, name: str) -> str:
-        """Return the path of a program."""
         return self.components.program(name)
 
     def environment(self, given: Mapping[str, str] = os.environ) -> dict[str, str]:

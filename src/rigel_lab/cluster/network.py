@@ -21,7 +21,6 @@ def prefix(cluster: str) -> str:
 
 
 def bridge_name(cluster: str) -> str:
-    """Return the name of a cluster's bridge."""
     return f"{prefix(cluster)}br"
 
 

@@ -187,7 +187,6 @@ def resolv_conf(
 
 
 def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
-    """Write the CNI configuration."""
     # ptp, not bridge: Services on the same node need no br_netfilter, and pods receive no multicast
     # of each other, as on most real clusters.
     link = {

@@ -63,7 +63,6 @@ class NodePaths:
 
 
 def plain_paths() -> NodePaths:
-    """Return the places of a plain node."""
     return NodePaths(
         cni_config="/etc/cni/net.d",
         cni_programs="/opt/cni/bin",

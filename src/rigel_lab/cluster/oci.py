@@ -56,7 +56,6 @@ class Image:
         return oci.layer(self._entries(), mtime=0)
 
     def parts(self) -> oci.Image:
-        """Return the parts for a registry."""
         # Uncompressed: between this machine and its own nodes, gzip takes longer than it saves.
         return oci.assemble(self.config, [oci.blob(oci.UNCOMPRESSED, self.layer())])
 

@@ -70,7 +70,6 @@ class Release:
         return list(wanted.values())
 
     def url(self, file: str) -> str:
-        """Return the URL of a file."""
         return f"{self.directory.format(arch=architecture())}/{file}"
 
     def place(self, name: str, version: str, wanted: Mapping[str, str]) -> Path:

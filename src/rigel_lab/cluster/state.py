@@ -55,7 +55,6 @@ class State:
 
     @property
     def node_names(self) -> list[str]:
-        """All nodes."""
         return [f"node{index}" for index in range(1, self.nodes + 1)]
 
     @property

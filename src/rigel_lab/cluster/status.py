@@ -81,7 +81,6 @@ def status_of(state: State) -> ClusterStatus:
 
 
 def find_troubles(state: State) -> Iterator[str]:
-    """Yield what does not run."""
     if state.boot != paths.boot_id():
         yield "this machine was restarted"
         return

@@ -45,7 +45,6 @@ class Announcer:
         self._thread = threading.Thread(target=self._work, name="twin", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def set(self, current: Mapping[str, str]) -> None:

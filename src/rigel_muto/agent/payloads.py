@@ -99,7 +99,6 @@ def flag_at(content: Mapping[str, Any], key: str, *, default: bool) -> bool:
 
 
 def write_json(value: Any) -> str:
-    """Return a value as JSON in ASCII."""
     return json.dumps(value, allow_nan=False)
 
 

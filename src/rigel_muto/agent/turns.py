@@ -37,7 +37,6 @@ class Turns:
         self._thread = threading.Thread(target=self._work, name="turns", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def put(self, work: Work) -> None:

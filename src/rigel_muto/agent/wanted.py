@@ -39,7 +39,6 @@ class Wanted:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether nothing must run."""
         return not (self.stack_id or self.stack is not None or self.components)
 
     @property

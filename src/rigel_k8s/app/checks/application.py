@@ -175,7 +175,6 @@ def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> 
 
 
 def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield volumes of one name."""
     names: set[str] = set()
     for index, volume in enumerate(options.persistent_storage.volumes):
         path = ("persistent_storage", "volumes", index, "name")

@@ -91,7 +91,6 @@ class Release:
 
     @property
     def mode(self) -> Mode:
-        """Its mode."""
         return mode_of(self.network)
 
     @property

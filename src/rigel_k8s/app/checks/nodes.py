@@ -72,7 +72,6 @@ ROS_ONLY = ("name", "namespace", "package", "launch", "substitution_args", *APPE
 
 
 def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iterator[Problem]:
-    """Yield what is wrong with the node of a key."""
     node = options.nodes[key]
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'

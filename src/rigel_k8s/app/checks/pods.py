@@ -103,7 +103,6 @@ def list_properties(node: NodeOptions) -> dict[str, Any]:
 
 
 def list_ports(node: NodeOptions) -> set[int]:
-    """Return the ports of a node."""
     return {int(one.port if isinstance(one, PortOptions) else one) for one in node.ports}
 
 

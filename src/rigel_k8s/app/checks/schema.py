@@ -69,11 +69,9 @@ class Place:
     whole: bool = False
 
     def below(self, key: str | int, *, whole: bool = False) -> Place:
-        """Return the place of a part."""
         return attrs.evolve(self, field=(*self.field, key), whole=self.whole or whole)
 
     def problem(self, text: str, kind: str, *, at_key: bool = False) -> Problem:
-        """Return a problem of the value."""
         return Problem((*self.path, *self.field), text, kind, at_key=at_key)
 
 
@@ -112,7 +110,6 @@ def check_scalar(value: Any, kind: str, place: Place) -> Iterator[Problem]:
 
 
 def check_list(value: Any, kind: str, place: Place) -> Iterator[Problem]:
-    """Yield what is wrong with a list."""
     if not isinstance(value, list | tuple):
         yield wrong_type(value, "a list", place)
         return

@@ -181,7 +181,6 @@ def has_pull_secret(release: ReleaseId, cluster: Cluster) -> bool:
 def choose_credentials(
     images: Sequence[str], known: Sequence[RegistryCredentials]
 ) -> tuple[RegistryCredentials, ...]:
-    """Return the credentials of the registries that the images come from."""
     registries = {parse_reference(image).registry for image in images}
     return tuple(one for one in known if one.username and one.registry in registries)
 

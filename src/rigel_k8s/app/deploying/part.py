@@ -57,7 +57,6 @@ class ApplicationHooks(Hooks):
 
     @property
     def ros(self) -> Generation:
-        """Which ROS it is."""
         return generation_of(self.application.distro, self.prepared.options.ros)
 
     @property

@@ -174,7 +174,6 @@ class LastRevision:
         return find_last_good(self._cluster, self._release)
 
     def objects(self) -> tuple[Mapping[str, Any], ...]:
-        """Return its objects."""
         return self.revision.objects if self.revision else ()
 
 

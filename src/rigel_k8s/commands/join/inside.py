@@ -34,7 +34,6 @@ NAMES = "hosts: files dns"
 
 
 def pack_address(text: str) -> bytes:
-    """Return a sockaddr_in."""
     return struct.pack("HH4s8x", socket.AF_INET, 0, socket.inet_aton(text))
 
 

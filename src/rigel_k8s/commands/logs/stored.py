@@ -85,7 +85,6 @@ class Stored:
                 yield from lines_of(entry)
 
     def _read_last(self, pod: str, levels: Collection[str], tail: int) -> list[LogLine]:
-        """Return a pod's last lines."""
         if not tail:
             return []
         query = selector(**self._own, pod=pod, level=levels)
@@ -94,7 +93,6 @@ class Stored:
 
 
 def lines_of(entry: Entry) -> Iterator[LogLine]:
-    """Yield an entry's lines."""
     labels = entry.labels
     for text in entry.text.split("\n"):
         yield LogLine(

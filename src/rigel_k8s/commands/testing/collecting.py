@@ -20,7 +20,6 @@ from rigel_k8s.settings import Settings
 
 
 def list_found(cluster: Cluster, namespace: str) -> list[Release]:
-    """Return the releases of a namespace."""
     return [Release(cluster, one.release) for one in list_releases(cluster, namespace)]
 
 

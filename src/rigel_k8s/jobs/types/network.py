@@ -24,7 +24,6 @@ class NetworkJob:
     needs_cluster: ClassVar[bool] = True
 
     def check(self, options: Install, application: Application) -> Sequence[Problem]:
-        """Return contradictions."""
         return tuple(check_install(options))
 
     def exclusive(

@@ -232,7 +232,6 @@ class Macvlan(Mode):
         return {"interface": INTERFACE}
 
     def interface(self, network: Network) -> str | None:
-        """Return the second interface."""
         return INTERFACE
 
 

@@ -156,7 +156,6 @@ class Peers(Mode):
                 yield Problem(("network", "peers", index), message, "bad-peer")
 
     def services(self, release: str, network: Network, workloads: Sequence[str]) -> list[str]:
-        """Return the names of the workloads' Services."""
         return [peer_name(workload) for workload in workloads]
 
     def join(self, plan: NetworkPlan, network: Network) -> dict[str, Any]:

@@ -44,7 +44,6 @@ class Presence:
 
     @property
     def image(self) -> str:
-        """Return its image."""
         return str(self.sets[0]["spec"]["template"]["spec"]["containers"][0]["image"])
 
 
@@ -75,7 +74,6 @@ class Installation:
 
     @property
     def linux(self) -> list[Object]:
-        """The machines that it is for."""
         names = {name for group in self.groups for name in group.nodes}
         return [node for node in self.nodes if node["metadata"]["name"] in names]
 

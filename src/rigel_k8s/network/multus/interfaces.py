@@ -53,7 +53,6 @@ def list_requests(annotations: Mapping[str, str], namespace: str) -> list[Reques
 
 
 def requests_of(pod: Pod) -> list[Request]:
-    """Return what a live pod requests."""
     meta = pod["metadata"]
     return list_requests(meta.get("annotations") or {}, meta.get("namespace", "default"))
 

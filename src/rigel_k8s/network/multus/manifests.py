@@ -96,7 +96,6 @@ def list_objects(installation: Installation, text: str) -> Iterator[Object]:
 
 
 def choose_image(installation: Installation, part: Part) -> str:
-    """Return a part's image."""
     options = installation.options
     if part == "multus":
         return str(options.multus_image or MULTUS_IMAGE)

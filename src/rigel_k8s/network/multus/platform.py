@@ -163,7 +163,6 @@ def read_data_dir(words: Sequence[str]) -> str | None:
 
 
 def labels_of(node: Node) -> Mapping[str, str]:
-    """Return a node's labels."""
     labels: Mapping[str, str] = node["metadata"].get("labels") or {}
     return labels
 

@@ -121,7 +121,6 @@ def describe_state(pod: Object) -> str:
 
 
 def list_pods(cluster: Cluster, run: str) -> list[dict[str, Any]]:
-    """Return the pods of a proof."""
     return cluster.list("v1", "Pod", RELEASE.namespace, labels={RUN_LABEL: run})
 
 
@@ -174,6 +173,5 @@ def remember(cluster: Cluster, marks: Mapping[str, str]) -> None:
 
 
 def forget(cluster: Cluster) -> None:
-    """Forget all proofs."""
     with suppress(RigelK8sError):
         cluster.delete(RECORD)

@@ -99,7 +99,6 @@ class Case:
 
     @cached_property
     def ready(self) -> set[str]:
-        """The machines that are ready."""
         return {node["metadata"]["name"] for node in self.view.nodes if is_ready(node)}
 
     @cached_property

@@ -41,7 +41,6 @@ class PreflightKind:
     found_by: str
 
     def problem(self, message: str, remedy: str) -> Problem:
-        """Return a problem of this kind."""
         severity: Literal["error", "warning"] = "warning" if self.changes == "warning" else "error"
         return Problem((), message, self.name, severity, remedy=remedy)
 

@@ -126,7 +126,6 @@ class Examination:
             return otherwise
 
     def serves(self, api: str, kind: str) -> bool:
-        """Return whether the cluster has a kind."""
         return self.ask(f"kinds of {api}", lambda: self.cluster.serves(api, kind), True)
 
     def find_daemons(self) -> Mapping[str, Daemon] | None:
@@ -164,7 +163,6 @@ class Examination:
         return {one.key: one for one in map(read_attachment, items)}, frozenset()
 
     def find_named(self, keys: Sequence[str]) -> Attachments:
-        """Return attachments that are read one by one."""
         found: dict[str, Attachment] = {}
         unread = []
         for key in keys:

@@ -76,7 +76,6 @@ def _objects(stack: Stack) -> Iterator[Object]:
 
 
 def loki(stack: Stack) -> Iterator[Object]:
-    """Yield Loki's objects."""
     options = stack.options.loki
     labels = {"action": "index_label", "attributes": [*LABELS, "level"]}
     attributes = {"ignore_defaults": True, "attributes_config": [labels]}
@@ -92,7 +91,6 @@ def loki(stack: Stack) -> Iterator[Object]:
 
 
 def prometheus(stack: Stack) -> Iterator[Object]:
-    """Yield Prometheus' objects."""
     options = stack.options.prometheus
     config = stack.config_map(PROMETHEUS, {"prometheus.yml": write_prometheus_config(stack)})
     rules = stack.config_map(f"{PROMETHEUS}-rules", stack.boards.rules, PROMETHEUS)
@@ -125,7 +123,6 @@ def grafana(stack: Stack) -> Iterator[Object]:
 
 
 def _datasources(stack: Stack) -> str:
-    """Return the datasources that have an address."""
     known = load("datasources.yaml")
     prometheus = known["prometheus"] | {"url": stack.prometheus_url}
     interval = str(stack.options.prometheus.scrape_interval or "15s")

@@ -24,7 +24,6 @@ LOGIN = "basicauth/loki"
 
 
 def otel_collector(stack: Stack) -> Iterator[Object]:
-    """Yield the collector's objects."""
     config = stack.config_map(OTEL_COLLECTOR, {"collector.yaml": configuration(stack)})
     draft = Draft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
     draft.container["env"] += list_loki_variables(stack)

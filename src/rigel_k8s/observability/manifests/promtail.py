@@ -22,7 +22,6 @@ SECRET = "/etc/promtail-loki"
 
 
 def promtail(stack: Stack) -> Iterator[Object]:
-    """Yield Promtail's objects."""
     config = stack.config_map(PROMTAIL, {"promtail.yaml": configuration(stack)})
     draft = Draft(stack, PROMTAIL, stack.options.promtail, [config])
     if stack.other_loki and (secret := stack.other_loki.secret):

@@ -35,7 +35,6 @@ def rules(name: str) -> list[Object]:
 
 
 def write_prometheus_config(stack: Stack) -> str:
-    """Return prometheus.yml."""
     options = stack.options.prometheus
     jobs = load("prometheus.yml")["scrape_configs"]
     for job in jobs:

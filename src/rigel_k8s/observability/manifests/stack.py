@@ -130,7 +130,6 @@ class Stack:
         return {"apiVersion": api_version, "kind": kind, "metadata": metadata, **fields}
 
     def config_map(self, name: str, data: Mapping[str, str], part: str | None = None) -> Object:
-        """Return a ConfigMap of texts."""
         return self.make("v1", "ConfigMap", name, part, data=dict(data))
 
 

@@ -34,7 +34,6 @@ def selector(**labels: Collection[str] | str) -> str:
 
 
 def matcher(label: str, value: Collection[str] | str) -> str:
-    """Return a label's matcher."""
     if isinstance(value, str):
         return f"{label}={json.dumps(value)}"
     return f"{label}=~{json.dumps('|'.join(map(re.escape, sorted(value))))}"

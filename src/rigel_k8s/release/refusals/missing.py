@@ -36,7 +36,6 @@ def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> li
 
 
 def is_allowed(cluster: Cluster, right: Right) -> bool:
-    """Whether we have one right."""
     resource, _, sub = right.resource.partition("/")
     attributes = {
         "namespace": right.namespace,

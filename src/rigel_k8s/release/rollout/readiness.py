@@ -49,7 +49,6 @@ def bad(message: str) -> ObjectReadiness:
 
 
 def readiness(live: Manifest) -> ObjectReadiness:
-    """Return the state of a live object."""
     if live["metadata"].get("deletionTimestamp"):
         return going("is being deleted")
     status = live.get("status") or {}
@@ -141,7 +140,6 @@ def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
 
 
 def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return the state of a StatefulSet."""
     wanted = int(spec.get("replicas", 1))
     strategy = spec.get("updateStrategy") or {}
     partition = int((strategy.get("rollingUpdate") or {}).get("partition") or 0)
@@ -196,7 +194,6 @@ def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
 
 
 def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return whether a claim has its volume."""
     phase = status.get("phase", "Pending")
     if phase == "Bound":
         return good("bound")
@@ -221,7 +218,6 @@ def definition(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
 
 
 def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return whether a namespace can be used."""
     return going("is being deleted") if status.get("phase") == "Terminating" else good("active")
 
 

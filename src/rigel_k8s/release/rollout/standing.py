@@ -140,7 +140,6 @@ class Standing:
     def look(
         self, live: Mapping[ObjectRef, Manifest], surroundings: Surroundings, now: float
     ) -> None:
-        """Note what is there now."""
         self.live, self.surroundings = live, surroundings
         for ref, there in live.items():
             newest = surroundings.list_newest_pods(there)
@@ -164,7 +163,6 @@ class Standing:
         return state is not None and state.done and state.ok and not crashed
 
     def list_waiting(self) -> list[ObjectRef]:
-        """Return what is not ready."""
         return [ref for ref in self.targets if not self.is_ready(ref)]
 
     def list_late(self) -> list[ObjectRef]:

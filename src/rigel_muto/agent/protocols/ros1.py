@@ -45,7 +45,6 @@ class Place:
     correlation: bytes | None
 
     def write(self, value: Any) -> Message:
-        """Return the message with a JSON value."""
         return Message(self.topic, write_json(value).encode(), self.correlation)
 
 
@@ -61,7 +60,6 @@ class Ros1:
 
     @property
     def topic(self) -> str:
-        """All topics of the device."""
         return f"{self.thing}/#"
 
     def hears(self, topic: str) -> bool:
@@ -69,7 +67,6 @@ class Ros1:
         return topic.startswith(f"{self.thing}/")
 
     def read(self, arrival: Arrival) -> Ros1Request:
-        """Return the request in a message."""
         place = _find_place(arrival)
         area, _, rest = arrival.topic.removeprefix(f"{self.thing}/").partition("/commands/")
         if area not in ("stack", "agent"):

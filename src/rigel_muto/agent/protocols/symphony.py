@@ -60,19 +60,16 @@ class Symphony:
 
     @property
     def topic(self) -> str:
-        """The topic of requests."""
         return self._topic_of("coa-request")
 
     @property
     def answers(self) -> str:
-        """The topic of answers."""
         return self._topic_of("coa-response")
 
     def _topic_of(self, name: str) -> str:
         return f"{self.prefix}/{name}" if self.prefix else name
 
     def hears(self, topic: str) -> bool:
-        """Return whether it is the topic of requests."""
         return topic == self.topic
 
     def read(self, arrival: Arrival) -> SymphonyRequest | None:
@@ -201,7 +198,6 @@ class SymphonyRequest:
     components: tuple[Mapping[str, Any], ...] = ()
 
     def answer(self, reply: Reply) -> tuple[Message, ...]:
-        """Return the response."""
         if isinstance(reply, States):
             body = [c for c in self.components if _is_there(c, reply.components.get(c["name"]))]
             return (self._respond(OK, body),)

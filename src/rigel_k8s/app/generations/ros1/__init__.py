@@ -110,7 +110,6 @@ class Ros1(Generation):
         update: RollingUpdate,
         obstacle: str | None,
     ) -> Way:
-        """Return HandOver where the gate can do it."""
         if not release.gate:
             return Way("Recreate", "roscore has no gate", update)
         if obstacle:

@@ -191,7 +191,6 @@ def resolve(name: str, node: str, namespace: str) -> str:
 
 
 def check_nodelet(component: Component) -> Iterator[Problem]:
-    """Yield options that a nodelet does not have."""
     for name in ("package", "extra_arguments"):
         if getattr(component, name):
             message = f"a nodelet has no {name}: write its plugin as PACKAGE/CLASS"

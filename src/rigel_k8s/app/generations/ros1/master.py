@@ -84,7 +84,6 @@ def is_official(image: str, distro: str) -> bool:
 
 
 def master_of(options: OrchestrationOptions, distro: str) -> Companion:
-    """Return roscore."""
     identity = PodIdentity(MASTER_NAME, image_of(options, distro))
 
     def objects(

@@ -38,6 +38,8 @@ ORPHAN = "orphan"
 LATELY = 3600
 #: What a narrow terminal does without, first the first.
 OPTIONAL = ("IMAGE", "INTERFACE", "ADDRESS", "ROS NAME", "POD", "AGE")
+#: The same while a node has several pods, as in a roll-out: only by their names rows differ.
+OPTIONAL_BUT_PODS = (*OPTIONAL[:4], "DISCOVERED", "RESTARTS", "ON", "AGE")
 #: What is left out rather than narrowed, since it is copied; a node's name is always there.
 WHOLE = ("NODE", "POD")
 #: The columns of a DDS graph.
@@ -85,9 +87,11 @@ def status_text(
     for workload in found.workloads:
         rows += rows_of(workload, now, graph)
         colors += [None if workload.ok else WARNING] * (len(rows) - len(colors))
+    several = any(len(workload.pods) > 1 for workload in found.workloads)
+    optional = OPTIONAL_BUT_PODS if several else OPTIONAL
     parts = [
         headline(found),
-        table(heads, rows, OPTIONAL, colors, WHOLE) if rows else "nothing runs",
+        table(heads, rows, optional, colors, WHOLE) if rows else "nothing runs",
     ]
     lines = [*reasons_of(found), *stop_lines(found, now), *rollback_lines(found)]
     lines += problem_lines(graph.problems if graph is not None else ())

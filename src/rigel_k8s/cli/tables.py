@@ -30,7 +30,7 @@ def table(
 
     Args:
         colors: of the rows.
-        unbroken: columns that are not narrowed.
+        unbroken: columns that are not narrowed; all but the first are if nothing else is left.
     """
     everything = [list(heads), *[list(map(make_printable, row)) for row in rows]]
     room = find_room(sys.stdout)
@@ -41,8 +41,9 @@ def table(
         whole = [max(map(len, column)) for column in zip(*everything, strict=True)]
         # A narrowed name cannot be copied: rather than that, do without the first column.
         first = name is None and bool(optional)
+        kept = unbroken[:1] if optional and name == optional[-1] else unbroken
         least = [
-            width if first or head in unbroken else max(len(head), LEAST)
+            width if first or head in kept else max(len(head), LEAST)
             for head, width in zip(everything[0], whole, strict=True)
         ]
         widths = narrow(whole, least, room)

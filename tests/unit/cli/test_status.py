@@ -10,6 +10,7 @@ import click
 import pytest
 
 from rigel_exporter.expecting import BROKEN, OK, Finding
+from rigel_k8s.cli import tables
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
@@ -113,6 +114,29 @@ def test_status_for_people() -> None:
         "camera: no pod can be made: quota\n"
         "listener-2: Readiness probe failed: no ROS node of this pod is registered"
     )
+
+
+@pytest.mark.parametrize(("length", "whole"), [(24, True), (34, False)])
+def test_pods_of_one_node_can_be_told_apart(
+    length: int,
+    whole: bool,  # noqa: FBT001
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In a narrow terminal, too: other columns are left out, and only then names are narrowed."""
+    monkeypatch.setattr(tables, "find_room", lambda _: 80)
+    name = "n" * length
+    ends = ("7d8f9c6b5-x2x4z", "5cb9b998c-92fsp")
+    pods = [attrs.evolve(TALKER.pods[0], name=f"{name}-{end}") for end in ends]
+    one, several = (attrs.evolve(TALKER, name=name, pods=tuple(pods[:n])) for n in (1, 2))
+    heads = click.unstyle(status_text(release(one), NOW)).splitlines()[2].split()
+    assert "POD" not in heads
+    assert {"RESTARTS", "ON"} <= {*heads}
+    rows = click.unstyle(status_text(release(several), NOW, GRAPH)).splitlines()[2:5]
+    assert max(map(len, rows)) <= 80
+    for row, end in zip(rows[1:], ends, strict=True):
+        assert row.startswith(f"{name}  1/1")
+        assert (f"{name}-{end}" in row) is whole
+        assert f"n-{end}" in row
 
 
 def test_a_pod_that_cannot_end_is_told() -> None:

@@ -168,7 +168,7 @@ def history(ctx: click.Context, /, job: str | None, number: int | None, output: 
             for one in found
         ]
         colors = [STATES.get(one.status) for one in found]
-        click.echo(table(heads, cells, ("IMAGE", "DESCRIPTION", "BY"), colors))
+        click.echo(table(heads, cells, ("IMAGE", "DESCRIPTION", "BY"), colors, wrapped=True))
     else:
         click.echo("no revisions: nothing was deployed", err=True)
 

@@ -9,11 +9,13 @@ from itertools import zip_longest
 
 import click
 
-from rigel_k8s.cli.width import find_room, make_printable, shorten
+from rigel_k8s.cli.width import find_room, make_printable, shorten, wrap
 
 GAP = "  "
 #: Columns that a cell keeps, however narrow the terminal is.
 LEAST = 8
+#: The same of a cell that goes on in further lines.
+WRAPPED = 30
 
 
 def table(
@@ -22,6 +24,8 @@ def table(
     optional: Sequence[str] = (),
     colors: Sequence[str | None] = (),
     unbroken: Sequence[str] = (),
+    *,
+    wrapped: bool = False,
 ) -> str:
     """Return rows below heads, in columns as wide as their widest cell.
 
@@ -31,6 +35,7 @@ def table(
     Args:
         colors: of the rows.
         unbroken: columns that are not narrowed; all but the first are if nothing else is left.
+        wrapped: the last column's cells go on in further lines instead of losing their middle.
     """
     everything = [list(heads), *[list(map(make_printable, row)) for row in rows]]
     room = find_room(sys.stdout)
@@ -46,14 +51,19 @@ def table(
             width if first or head in kept else max(len(head), LEAST)
             for head, width in zip(everything[0], whole, strict=True)
         ]
+        if wrapped:  # a word is not broken
+            words = [word for row in everything for word in row[-1].split()]
+            least[-1] = max(least[-1], WRAPPED, *map(len, words))
         widths = narrow(whole, least, room)
         if room is None or line_width(widths) <= room:
             break
-    lines = [
-        GAP.join(shorten(cell, width).ljust(width) for cell, width in zip(row, widths, strict=True))
-        for row in everything
-    ]
-    lines = [line.rstrip() for line in lines]
+    margin = " " * (line_width(widths) - widths[-1])
+    lines = []
+    for row in everything:
+        cells = [shorten(cell, width).ljust(width) for cell, width in zip(row, widths, strict=True)]
+        if wrapped:
+            cells[-1] = wrap(row[-1], sys.stdout, len(margin), margin)
+        lines.append(GAP.join(cells).rstrip())
     lines[1:] = [
         click.style(line, fg=color) if color else line
         for line, color in zip_longest(lines[1:], colors)

@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from rigel_k8s import lab
 from rigel_k8s.app.generation import GENERATIONS
+from rigel_k8s.cli import tables, width
 from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.rigelfiles import count
@@ -248,6 +249,30 @@ def test_history(record: Any) -> None:
     assert head == "REVISION STATUS AGE BY DESCRIPTION IMAGE CHANGES"
     assert row.startswith("1 good ")
     assert row.endswith(" ada@laptop d robot:1 talker: changed")
+
+
+def test_changes_in_a_history_are_readable_in_a_narrow_terminal(
+    record: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They go on in the next lines: the old value and the new one are what they are read for."""
+    for module in (tables, width):
+        monkeypatch.setattr(module, "find_room", lambda _: 80)
+    tags = "to ".join(f"registry.example:5000/team/robot:{tag} " for tag in (1, 2)).strip()
+    changes = ("brake.parameters.limit: 1.8 to 1.6", f"image {tags}", "lidar is new")
+    by, image = "ada@workstation", "registry.example/team/robot:1.2"
+    description = "deploy with new limits"
+    entries = [
+        Entry(3, "superseded", "", by, description, (image,), given, ())
+        for given in (changes, changes[2:])
+    ]
+    record(releases, "history", entries)
+    heads, *lines = call("history").stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    begin = heads.index("CHANGES")
+    assert " ".join(line[begin:] for line in lines) == f"{'; '.join(changes)} lidar is new"
+    further = lines[1:-1]
+    assert further
+    assert not "".join(line[:begin] for line in further).strip()
 
 
 @pytest.mark.parametrize(

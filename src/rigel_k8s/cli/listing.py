@@ -10,6 +10,7 @@ import click
 
 from rigel_k8s.cli.width import WARNING
 from rigel_k8s.cli.words import is_quiet, json_option, namespace_option, print_json, settings
+from rigel_k8s.objects.text import join_words
 from rigel_k8s.release.listing import ReleaseSummary
 
 #: Of revisions that are not good.
@@ -25,19 +26,21 @@ HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # noqa: FBT001
     """List the releases of a namespace or of the whole cluster; no Rigelfile is needed.
 
+    Without -n and -A, the namespace is that of the Rigelfile, or else that of the context.
     READY counts workloads, AGE is the age of the newest revision, JOB is the job that made it.
     """
     from rigel_k8s.commands import status
 
-    namespace, found = status.releases(settings(ctx), everywhere=all_namespaces)
+    namespaces, found = status.releases(settings(ctx), everywhere=all_namespaces)
     if output == "json":
         print_json([summary_json(one) for one in found])
     elif found:
-        click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=all_namespaces))
+        several = all_namespaces or len(namespaces) > 1
+        click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=several))
     elif not is_quiet(ctx):
-        rest = "; `rigel list -A` lists those of all namespaces"
-        where = "the cluster" if namespace is None else f"the namespace {namespace}{rest}"
-        click.echo(f"no releases in {where}", err=True)
+        where = f"the namespace{'s' if len(namespaces) > 1 else ''} {join_words(namespaces)}"
+        rest = f"{where}; `rigel list -A` lists those of all namespaces"
+        click.echo(f"no releases in {rest if namespaces else 'the cluster'}", err=True)
 
 
 def summary_table(found: Sequence[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 
-from rigel_k8s.commands.targets import release
+from rigel_k8s.commands.targets import list_namespaces, release
 from rigel_k8s.discovery.check import survey
 from rigel_k8s.discovery.findings import DiscoveryGraph
 from rigel_k8s.discovery.looks import SPAN
@@ -109,17 +109,21 @@ def judge_topics(
         return None
 
 
-def releases(settings: Settings, *, everywhere: bool) -> tuple[str | None, list[ReleaseSummary]]:
-    """Return the listed namespace, None for all, and its releases.
+def releases(settings: Settings, *, everywhere: bool) -> tuple[list[str], list[ReleaseSummary]]:
+    """Return the listed namespaces, none for all, and their releases.
+
+    They are those of the Rigelfile, if there is one, or the context's.
 
     Raises:
         Forbidden: the right to list Secrets or workloads is missing.
     """
     with connect(settings) as cluster:
-        namespace = None if everywhere else settings.namespace or cluster.namespace
+        namespaces = [] if everywhere else list_namespaces(settings, cluster)
+        asked: Sequence[str | None] = namespaces or (None,)
         try:
-            return namespace, list_releases(cluster, namespace)
+            found = [list_releases(cluster, name) for name in asked]
         except Forbidden as error:
             if everywhere:
                 error.hint = "list one namespace only with `rigel list -n NAMESPACE`, without -A"
             raise
+    return namespaces, [one for part in found for one in part]

@@ -25,11 +25,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str | None, bool]]:
     """What the command was asked for: (namespace, everywhere); one release is there."""
     calls: list[tuple[str | None, bool]] = []
 
-    def releases(
-        settings: Settings, *, everywhere: bool
-    ) -> tuple[str | None, list[ReleaseSummary]]:
+    def releases(settings: Settings, *, everywhere: bool) -> tuple[list[str], list[ReleaseSummary]]:
         calls.append((settings.namespace, everywhere))
-        return settings.namespace, [ARM]
+        return [settings.namespace or "n"], [ARM]
 
     monkeypatch.setattr(status, "releases", releases)
     return calls
@@ -52,12 +50,23 @@ def test_nothing_found_leads_to_all_namespaces(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Unless all were looked at."""
-    monkeypatch.setattr(
-        status, "releases", lambda *_, everywhere: (None if everywhere else "n", [])
-    )
-    for words, hinted in ((["list"], True), (["list", "-A"], False)):
-        assert main.run(words, "rigel") == 0
-        assert ("rigel list -A" in capsys.readouterr().err) is hinted
+    for namespaces, where in (
+        (["n"], "the namespace n; `rigel list -A` lists those of all namespaces"),
+        (["a", "b"], "the namespaces a and b; `rigel list -A` lists those of all namespaces"),
+        ([], "the cluster"),
+    ):
+        monkeypatch.setattr(status, "releases", lambda *_, found=namespaces, **__: (found, []))
+        assert main.run(["list"], "rigel") == 0
+        assert capsys.readouterr().err == f"no releases in {where}\n"
+
+
+def test_releases_of_several_namespaces_have_theirs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The jobs of a Rigelfile may name different ones."""
+    monkeypatch.setattr(status, "releases", lambda *_, **__: (["robot-07", "robot-08"], [ARM]))
+    assert main.run(["list"], "rigel") == 0
+    assert capsys.readouterr().out.split()[0] == "NAMESPACE"
 
 
 def test_the_namespace_may_stand_before_or_behind(asked: list[tuple[str | None, bool]]) -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import attrs
 import pytest
 
-from rigel_k8s.commands import targets
+from rigel_k8s.commands import status, targets
 from rigel_k8s.commands.targets import job_of, list_namespaces, names, node_names, release
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.deploying import HasRelease
-from rigel_k8s.kube import connect
+from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.release.listing import ReleaseSummary
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
@@ -107,6 +109,27 @@ def test_the_namespaces_of_a_rigelfile(tmp_path: Path, kubeconfig: Path) -> None
         assert list_namespaces(found, cluster) == ["from-context"]
         found.rigelfile.unlink()
         assert list_namespaces(found, cluster) == ["from-context"]
+
+
+def test_list_looks_where_the_rigelfile_deploys(
+    tmp_path: Path, kubeconfig: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the namespaces of its jobs, unless the user names one or all."""
+    looked: list[str | None] = []
+
+    def list_releases(_: Cluster, name: str | None) -> list[ReleaseSummary]:
+        looked.append(name)
+        return []
+
+    monkeypatch.setattr(status, "list_releases", list_releases)
+    elsewhere = OTHER.replace("{deployment_name", "{namespace: lab, deployment_name")
+    found = settings(tmp_path, elsewhere)
+    assert status.releases(found, everywhere=False) == (["lab"], [])
+    assert status.releases(found, everywhere=True) == ([], [])
+    assert status.releases(attrs.evolve(found, namespace="mine"), everywhere=False)[0] == ["mine"]
+    found.rigelfile.unlink()
+    assert status.releases(found, everywhere=False)[0] == ["from-context"]
+    assert looked == ["lab", None, "mine", "from-context"]
 
 
 def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def no_node_error(found: Release, node: str, pods: Sequence[Pod]) -> UserError:
     names = sorted({pod.workload for pod in pods})
     if not names:
         return no_pod_error(found)
-    meant = name_nearest(node, names)
+    meant = name_nearest(node, sorted({alias for pod in pods for alias in pod.aliases}))
     return UserError(f'no pod of a node "{node}"{meant}', hint=f"its nodes are: {', '.join(names)}")
 
 

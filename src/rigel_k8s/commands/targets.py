@@ -85,7 +85,8 @@ class Jobs:
         if len(meant) != 1:
             names = ", ".join(same[0].name for same in by_release.values())
             raise UserError(
-                "the Rigelfile has several releases", hint=f"name a job, one of: {names}"
+                f"the Rigelfile has several releases{self._name_missing(jobs, nodes)}",
+                hint=f"name a job, one of: {names}",
             )
         whole = [job for job in meant[0] if not is_partial(spec_keys(job.spec))]
         return (whole or meant[0])[0]
@@ -112,6 +113,13 @@ class Jobs:
     def _have_nodes(self, jobs: Sequence[Job], nodes: Sequence[str]) -> bool:
         there = {object_name(key) for job in jobs for key in self.list_nodes(job)}
         return there.issuperset(map(object_name, nodes))
+
+    def _name_missing(self, jobs: Sequence[Job], nodes: Sequence[str]) -> str:
+        known = sorted({key for job in jobs for key in self.list_nodes(job)})
+        missing = (node for node in nodes if object_name(node) not in map(object_name, known))
+        for node in missing:
+            return f' and none has a node "{node}"{grammar.name_nearest(node, known)}'
+        return ""
 
     def list_nodes(self, job: Job) -> list[str]:
         """Return the keys of a job's nodes, and its other workloads. Raises as read_names."""

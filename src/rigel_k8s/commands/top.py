@@ -146,7 +146,7 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
         UserError: the node is unknown, or there is no pod at all.
         ClusterError: no source has their usage.
     """
-    found = release(settings, job)
+    found = release(settings, job, nodes)
     with found.cluster as cluster:
         pods = choose_pods(found, nodes)
         pods = [pod for pod in pods if pod.phase == "Running"] or pods

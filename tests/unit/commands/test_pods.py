@@ -16,6 +16,7 @@ from rigel_k8s.commands.pods import (
     choose_running,
     explain_forward,
     find_matching,
+    no_node_error,
     pod_of,
     wrap_command,
 )
@@ -76,6 +77,17 @@ def test_a_name_without_its_namespace_means_the_only_such_node() -> None:
     assert find_matching([arm], "arm") == [arm]
     assert find_matching([arm, other], "arm") == []
     assert find_matching([arm], "ar") == []
+
+
+def test_a_misspelt_name_of_any_kind_leads_to_the_right_one() -> None:
+    """Beside the name in the Rigelfile, a node has its ROS name."""
+    for wrong, right in (("lab-ram", "lab-arm"), ("/lab/amr", "/lab/arm"), ("lab/amr", "lab/arm")):
+        error = no_node_error(
+            Release(Cluster(Target("http://127.0.0.1:1")), ReleaseId("lab", "x")),
+            wrong,
+            [pod_of(pod())],
+        )
+        assert error.message == f'no pod of a node "{wrong}", did you mean "{right}"?'
 
 
 def test_commands_get_ros_where_our_scripts_are() -> None:

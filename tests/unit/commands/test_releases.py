@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rigel_k8s.commands import releases
+from rigel_k8s.commands import pods, releases, top
 from rigel_k8s.commands import status as reading
+from rigel_k8s.commands.dev import session
+from rigel_k8s.commands.join.pod import find_deployment
 from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs.lines import LogOptions
+from rigel_k8s.commands.ros.live import Live
 from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release import apply
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
 from rigel_k8s.release.types import Desired
+from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster
@@ -34,9 +39,8 @@ def release(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     def found(settings: Settings, job: str | None = None, nodes: Any = (), **_: Any) -> Release:
         return Release(fake, RELEASE)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(releases, "release", found)
-    monkeypatch.setattr(reading, "release", found)
-    monkeypatch.setattr(logs, "release", found)
+    for module in (releases, reading, logs, pods, top, session):
+        monkeypatch.setattr(module, "release", found)
 
 
 def found(fake: Any) -> Release:
@@ -95,6 +99,34 @@ def test_a_rollback_passes_its_words_on(fake: Any, report: Recorder) -> None:
         releases.rollback(found(fake), Settings(), 2, report)
     releases.rollback(found(fake), Settings(adopt=True), 2, report)
     assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "2"}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda _, node: list(logs.logs(Settings(), [node], LogOptions())),
+        lambda _, node: top.top(Settings(), [node]),
+        lambda _, node: list(pods.forward(Settings(), node, {})),
+        lambda _, node: pods.execute(
+            Settings(), node, [], stdin=None, stdout=BytesIO(), stderr=BytesIO(), tty=False
+        ),
+        lambda own, node: releases.restart(own, Settings(), [node], Recorder()),
+        lambda _, node: session.develop(Settings(), node, [], [], Recorder(), print),
+        find_deployment,
+        lambda own, node: Live(own, pods.release_pods(own), RosGraph(), "1").find_node(node),
+    ],
+    ids=["logs", "top", "forward", "exec", "restart", "dev", "join", "param"],
+)
+def test_a_misspelt_node_leads_to_the_right_one(
+    command: Callable[[Release, str], object], fake: Any, report: Recorder
+) -> None:
+    """In every command that has a node's name."""
+    deploy(desired(workload("driver")), fake, report=report)
+    with pytest.raises(
+        UserError, match='no pod of a node "drivr", did you mean "driver"'
+    ) as caught:
+        command(found(fake), "drivr")
+    assert caught.value.hint == "its nodes are: driver"
 
 
 def test_one_log_that_is_not_there_is_no_end(

@@ -95,6 +95,8 @@ def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) ->
     for nodes in (["ros-master"], ["camera", "talker"], ["nowhere"]):
         with pytest.raises(UserError, match="several releases"):
             release(found, nodes=nodes)
+    with pytest.raises(UserError, match='none has a node "talkr", did you mean "talker"'):
+        release(found, nodes=["talker", "talkr"])
 
 
 def test_the_namespaces_of_a_rigelfile(tmp_path: Path, kubeconfig: Path) -> None:

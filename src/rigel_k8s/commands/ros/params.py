@@ -38,7 +38,7 @@ def get_parameters(
     settings: Settings, node: str, names: Sequence[str], job: str | None = None
 ) -> Parameters:
     """Return some parameters of a node, or all. Raises as read_parameters."""
-    found = release(settings, job)
+    found = release(settings, job, [node])
     with found.cluster:
         return read_parameters(found, node, names)
 
@@ -65,7 +65,7 @@ def set_parameters(
     settings: Settings, node: str, values: Mapping[str, Any], job: str | None = None
 ) -> Parameters:
     """Set parameters of a node, all or none. Raises as read_parameters, and if it refuses."""
-    found = release(settings, job)
+    found = release(settings, job, [node])
     with found.cluster:
         live = open_live(found)
         its = live.find_node(node)

@@ -270,7 +270,7 @@ def follow(
                 state = f"pulls {waiting[ref].title} before the update"
                 run.report.progress(waiting[ref].machine, state)
             causes = [(ref, cause) for ref, pod in live.items() for cause in find_causes(pod)]
-            fresh, _ = ledger.note(now, causes, others_coming=False)
+            fresh, _ = ledger.note(now, causes)
             for seen in fresh:
                 run.report.progress(waiting[seen.ref].machine, seen.cause.message)
             for hopeless in ledger.find_hopeless(now):

@@ -16,6 +16,7 @@ from tests.support.manifests import ref
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
 OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")
+THIRD = ObjectRef("apps/v1", "Deployment", "n", "driver")
 
 
 def live(
@@ -265,7 +266,7 @@ def test_an_old_pod_on_a_lost_machine_is_why_no_new_one_starts() -> None:
 def ledger_of(cause: Cause) -> Ledger:
     """Return a ledger that has seen a cause at its beginning."""
     made = Ledger(Patience())
-    made.note(0.0, [(REF, cause)], others_coming=False)
+    made.note(0.0, [(REF, cause)])
     return made
 
 
@@ -491,13 +492,13 @@ def test_a_cause_is_new_once_and_hopeless_after_its_time() -> None:
     """Told at once, given up later; one that goes away and comes back starts anew."""
     ledger = Ledger(Patience(image=15))
     image = Cause("image", "not found")
-    [seen], passed = ledger.note(0, [(REF, image)], others_coming=False)
+    [seen], passed = ledger.note(0, [(REF, image)])
     assert passed == []
-    assert ledger.note(10, [(REF, image)], others_coming=False) == ([], [])
+    assert ledger.note(10, [(REF, image)]) == ([], [])
     assert list(ledger.find_hopeless(14)) == []
     assert [seen.ref for seen in ledger.find_hopeless(15)] == [REF]
-    assert ledger.note(20, [], others_coming=False) == ([], [seen])
-    fresh, _ = ledger.note(21, [(REF, image)], others_coming=False)
+    assert ledger.note(20, []) == ([], [seen])
+    fresh, _ = ledger.note(21, [(REF, image)])
     assert len(fresh) == 1
     assert list(ledger.find_hopeless(30)) == []
 
@@ -506,22 +507,52 @@ def test_a_crash_has_time_while_others_are_on_their_way() -> None:
     """A node that ends without a master is not given up before the master is up."""
     ledger = Ledger(Patience(crash=20, crash_limit=120))
     for now in range(0, 100, 10):
-        ledger.note(now, [(REF, crash())], others_coming=True)
+        ledger.note(now, [(REF, crash())], coming=[THIRD])
         assert list(ledger.find_hopeless(now)) == []
-    ledger.note(111, [(REF, crash())], others_coming=False)
+    ledger.note(111, [(REF, crash())])
     assert len(list(ledger.find_hopeless(111))) == 1
     for now in range(112, 121):
-        ledger.note(now, [(REF, crash()), (OTHER, crash())], others_coming=True)
+        ledger.note(now, [(REF, crash()), (OTHER, crash())], coming=[THIRD])
     assert [seen.ref for seen in ledger.find_hopeless(120)] == [REF]
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "third", "limit"),
+    [
+        ("ended (no map)", "crash", False, 30),
+        ("ended (no disk)", "crash", False, 45),  # by itself it may be what the first one needs
+        ("ended", "crash", False, 45),  # an exit code does not say that it is the same
+        ("ended (no map)", "restarted", False, 45),  # it runs at the moment
+        ("ended (no map)", "crash", True, 45),  # the third one has not ended
+    ],
+)
+def test_what_ends_alike_was_not_waited_for(
+    words: str,
+    kind: str,
+    third: bool,  # noqa: FBT001
+    limit: int,
+) -> None:
+    """Of nodes with one mistake, the last one that starts gives the others no new time."""
+    ledger = Ledger(Patience(crash=20, crash_limit=120))
+    first = Cause(
+        "crash", "ended" if words == "ended" else "ended (no map)", "p", "c", True, "ended"
+    )
+    for now in range(26):
+        ledger.note(now, [(REF, first)], coming=[OTHER, THIRD] if third else [OTHER])
+        assert list(ledger.find_hopeless(now)) == []
+    other = Cause(kind, words, "q", "c", brief="ended")
+    for now in range(30, limit + 1, 5):
+        ledger.note(now, [(REF, first), (OTHER, other)])
+        assert [seen.ref for seen in ledger.find_hopeless(now)] == ([REF] if now == limit else [])
 
 
 def test_a_container_that_runs_at_the_moment_is_not_given_up() -> None:
     """It was restarted and may get ready; ended again it counts from its first end."""
     ledger = Ledger(Patience(crash=20))
-    ledger.note(0, [(REF, crash())], others_coming=False)
-    ledger.note(30, [(REF, crash("restarted"))], others_coming=False)
+    ledger.note(0, [(REF, crash())])
+    ledger.note(30, [(REF, crash("restarted"))])
     assert list(ledger.find_hopeless(30)) == []
-    ledger.note(35, [], others_coming=False, unsteady={REF})
+    ledger.note(35, [], unsteady={REF})
     assert list(ledger.find_hopeless(35)) == []
-    assert ledger.note(40, [(REF, crash())], others_coming=False) == ([], [])
+    assert ledger.note(40, [(REF, crash())]) == ([], [])
     assert len(list(ledger.find_hopeless(40))) == 1

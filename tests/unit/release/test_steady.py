@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import STEADY, CrashLog, Standing
 from rigel_k8s.release.rollout.view import look_around
 from tests.support.clock import Leap, leap_when_shown
-from tests.support.controllers import Controllers, crash_status, running
+from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import claim, desired, ref, workload
 from tests.support.releases import deploy
@@ -140,6 +141,39 @@ def test_a_crash_is_shown_once_whatever_its_last_words(
     with pytest.raises(RolloutFailed):
         deploy(desired(workload()), fake, report=report)
     assert len([text for _, text, _ in report.states if "exited" in text]) == 1
+
+
+def test_nodes_that_end_alike_fail_as_early_as_one(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second one starts late, and ends with the last words of the first."""
+    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
+    monkeypatch.setattr(wait, "LOOK", 0.01)
+    looks: list[set[str]] = []  # the nodes that have a cause
+    find_causes = Standing.find_causes
+
+    def note_causes(self: Standing) -> list[Any]:
+        found = list(find_causes(self))
+        looks.append({ref.name for ref, _ in found})
+        return found
+
+    monkeypatch.setattr(Standing, "find_causes", note_causes)
+    clock = SimpleNamespace(monotonic=lambda: 1000.0 + len(looks))  # a second for each look
+    monkeypatch.setattr(wait, "time", clock)
+    count = itertools.count()
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        late = pod["metadata"]["name"].startswith("listener")
+        if late and sum("talker" in look for look in looks) < Patience().crash + 1:
+            return {**unready(pod), "hostIP": f"10.0.0.{next(count)}"}
+        status = crash_status(pod)
+        status["containerStatuses"][0]["lastState"]["terminated"]["message"] = "no module rover"
+        return status
+
+    fake.store.controllers = Controllers(kubelet)
+    with pytest.raises(RolloutFailed, match=r"(talker, listener|listener, talker) did not become"):
+        deploy(desired(workload(), workload("listener")), fake, report=report)
+    assert sum(len(look) > 1 for look in looks) == 1
 
 
 @pytest.mark.parametrize("key", ["command", "args"])

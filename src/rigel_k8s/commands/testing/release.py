@@ -121,7 +121,7 @@ class ReleaseTests:
             causes = []
             if not in_state(own, "running"):
                 causes = list(explain_pod(live, self.found.cluster.events(live)))
-            ledger.note(now, [(ref, cause) for cause in causes], others_coming=False)
+            ledger.note(now, [(ref, cause) for cause in causes])
             if hopeless := next(ledger.find_hopeless(now), None):
                 return hopeless.cause.message
             if now > deadline:

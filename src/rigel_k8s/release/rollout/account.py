@@ -68,9 +68,9 @@ class Account:
         """
         found = list(self.standing.find_causes())
         wrong = {ref for ref, _ in found}
-        coming = any(ref not in wrong for ref in self.standing.list_waiting())
+        coming = [ref for ref in self.standing.list_waiting() if ref not in wrong]
         unsteady = self.standing.unsteady
-        fresh, passed = self.ledger.note(now, found, others_coming=coming, unsteady=unsteady)
+        fresh, passed = self.ledger.note(now, found, coming=coming, unsteady=unsteady)
         for seen in fresh:
             seen.lines = [seen.cause.message, *self.read_log(seen)]
         self.warn(passed)

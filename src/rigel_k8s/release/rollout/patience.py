@@ -20,7 +20,8 @@ class Patience:
     """Seconds that each kind of cause may last.
 
     Attributes:
-        crash: counted while nothing else of the release is still starting.
+        crash: counted while nothing else of the release is still starting; what then ends with the
+            same last words was not what this one has waited for.
         crash_limit: counted from the first crash, whatever else happens.
         away: a robot may return at any time; the roll-out's own deadline is the limit.
     """
@@ -61,11 +62,14 @@ class Seen:
 
 @attrs.define
 class Ledger:
-    """The present causes, and since when; `refs` are the workloads that have one."""
+    """The present causes, and since when.
+
+    `refs` are the workloads that have one, `busy` is when each of the others was last on its way.
+    """
 
     patience: Patience
     seen: dict[tuple[ObjectRef, tuple[str, str]], Seen] = attrs.field(factory=dict)
-    busy: float = 0.0
+    busy: dict[ObjectRef, float] = attrs.field(factory=dict)
     refs: frozenset[ObjectRef] = frozenset()
 
     def note(
@@ -73,18 +77,17 @@ class Ledger:
         now: float,
         current: Iterable[tuple[ObjectRef, Cause]],
         *,
-        others_coming: bool,
+        coming: Collection[ObjectRef] = (),
         unsteady: Collection[ObjectRef] = (),
     ) -> tuple[list[Seen], list[Seen]]:
         """Note the present causes; return the new ones, and those that have passed.
 
         Args:
-            unsteady: workloads that run at the moment and have crashed before: what was wrong with
-                them still counts.
-            others_coming: some workload is not ready and nothing is wrong with it.
+            coming: workloads that are not ready, and nothing is wrong with them.
+            unsteady: those that run at the moment and have crashed before: what was wrong with them
+                still counts.
         """
-        if others_coming:
-            self.busy = now
+        self.busy |= dict.fromkeys(coming, now)
         found = {(ref, cause.key): (ref, cause) for ref, cause in current}
         fresh, passed = [], []
         for key, (ref, cause) in found.items():
@@ -112,8 +115,21 @@ class Ledger:
                 continue
             if seen.cause.kind == "crash":
                 limit = seen.since + self.patience.crash_limit
-                over = now >= min(limit, max(seen.since, self.busy) + self.patience.crash)
+                begin = max(seen.since, self.find_busy(seen.cause))
+                over = now >= min(limit, begin + self.patience.crash)
             else:
                 over = now >= seen.since + self.patience.of(seen.cause.kind)
             if over:
                 yield seen
+
+    def find_busy(self, crash: Cause) -> float:
+        """Return when a workload that has not crashed in the same way was last on its way.
+
+        An exit code alone, without last words, may have any cause.
+        """
+        alike = {
+            seen.ref
+            for seen in self.seen.values()
+            if seen.cause.kind == "crash" and seen.cause.message == crash.message != crash.brief
+        }
+        return max((time for ref, time in self.busy.items() if ref not in alike), default=0.0)

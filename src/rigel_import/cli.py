@@ -44,7 +44,7 @@ def compose(ctx: click.Context, /, file: Path, **output: bool) -> None:
 
 @import_.command()
 @click.argument("words", metavar="FILE | PACKAGE FILE", nargs=-1, required=True)
-@click.option("--image", help="Run all nodes in this image.")
+@click.option("--image", help="Run all nodes in this image, which also evaluates files in Python.")
 @click.option("--distro", metavar="NAME", help="Set the ROS distribution, such as jazzy.")
 @click.option("--arg", "args", metavar="NAME=VALUE", multiple=True, help="Set an argument.")
 @click.option(
@@ -71,7 +71,7 @@ def launch(
     Comments in it, and lines here, say what is not carried over.
     """
     from rigel_import.launch.packages import find_launch_file
-    from rigel_import.launch.reading import read
+    from rigel_import.launch.reading import read, read_python
 
     if len(words) > 2:
         raise click.UsageError(f'unexpected "{words[2]}"; pass arguments with --arg NAME=VALUE')
@@ -81,6 +81,8 @@ def launch(
     packages = {name: Path(path) for name, path in found}
 
     def make() -> Draft:
+        if words[-1].endswith(".py"):
+            return read_python(words, arguments, packages, image, distro)
         file = find_launch_file(*words, packages) if len(words) == 2 else Path(words[0])
         return read(file, arguments, packages, image, distro)
 
@@ -92,16 +94,23 @@ def finish(ctx: click.Context, read: Callable[[], Draft], *, force: bool, prints
     from rigel_import.writing import summarize, write_rigelfile
 
     target = settings(ctx).rigelfile
+    hint = "overwrite it with --force, print with --print, or choose another with `rigel -f FILE`"
     if target.exists() and not (force or prints):
-        hint = (
-            "overwrite it with --force, print with --print, or choose another with `rigel -f FILE`"
-        )
         raise UserError(f"{target} already exists", hint=hint)
     draft = read()
+    files = {target.parent / path: text for path, text in draft.files.items()}
+    for file in files:
+        if file.exists() and not (force or prints):
+            raise UserError(f"{file} already exists", hint=hint)
     text = write_rigelfile(draft, f"rigel import {ctx.info_name}")
     if prints:
         click.echo(text, nl=False)
+        for file in files:
+            click.echo(f"not written with --print: {file}", err=True)
         return
+    for file, content in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(content)
     target.write_text(text)
     for line in summarize(draft, str(target)):
         click.echo(line)

@@ -53,6 +53,7 @@ class Draft:
         vars: the Rigelfile's.
         jobs: jobs that come before it, as those that build an image.
         remarks: in the order of the files.
+        files: texts of files that stand beside the Rigelfile, by their paths.
     """
 
     name: str
@@ -62,3 +63,4 @@ class Draft:
     vars: Mapping[str, Any] = attrs.field(factory=dict)
     jobs: Mapping[str, Mapping[str, Any]] = attrs.field(factory=dict)
     remarks: tuple[Remark, ...] = ()
+    files: Mapping[str, str] = attrs.field(factory=dict)

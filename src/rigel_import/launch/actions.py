@@ -13,7 +13,7 @@ from rigel_import.launch.entities import Entity, read_file
 from rigel_import.launch.expressions import LeftOut
 from rigel_import.launch.parameters import Options
 from rigel_import.launch.scope import Arguments, Scope, Tags, join
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import RigelK8sError, UserError
 
 #: Tags, and attributes of nodes, that are not carried over, with what to do.
 LOST = {
@@ -95,7 +95,7 @@ def read_passed(scope: Scope, entity: Entity) -> Arguments:
 
 
 def include(scope: Scope, entity: Entity, text: str, passed: Arguments) -> None:
-    """Take the tags of an included file; a file that cannot be read here becomes a node.
+    """Take the tags of an included file; one that cannot be read or evaluated becomes a node.
 
     Args:
         scope: that of the file's tags.
@@ -105,19 +105,29 @@ def include(scope: Scope, entity: Entity, text: str, passed: Arguments) -> None:
     match = re.fullmatch(r"\$\((?:find|find-pkg-share) (\S+)\)/+([^$]+)", text)
     if match is None and "$(" in text:
         raise LeftOut(f"only a container knows `{text}`")
-    if match is None:
-        follow(scope, scope.robot.files[-1].parent / text)
-        return
-    package, path = match.groups()
-    directory = scope.robot.packages.get(package)
+    package, path = match.groups() if match else ("", text)
+    directory = scope.robot.packages.get(package) if match else scope.robot.files[-1].parent
     file = directory / path if directory else None
-    if file and file.is_file() and file.suffix != ".py":
+    if path.endswith(".py"):
+        reason = "it is in Python, and was not evaluated without --image"
+        if scope.robot.take_python:
+            here = str(file.resolve()) if file and file.is_file() else text
+            try:
+                scope.robot.take_python(scope, [here])
+                return
+            except RigelK8sError as error:
+                reason = f"it was not evaluated: {error.message}"
+        if match is None:
+            raise LeftOut(reason)
+    elif file and (match is None or file.is_file()):
         follow(scope, file)
+        return
     else:
-        launch: Options = {"package": package, "file": PurePosixPath(path).name}
-        if args := {name: value for name, value in passed.items() if value is not None}:
-            launch["args"] = args
-        keep(scope, entity.place, launch)
+        reason = f"it is not here; to read it, pass --package {package}=DIRECTORY"
+    launch: Options = {"package": package, "file": PurePosixPath(path).name}
+    if args := {name: value for name, value in passed.items() if value is not None}:
+        launch["args"] = args
+    keep(scope, entity.place, launch, reason)
 
 
 def follow(scope: Scope, file: Path) -> None:
@@ -132,13 +142,10 @@ def follow(scope: Scope, file: Path) -> None:
     robot.files.pop()
 
 
-def keep(scope: Scope, place: Place, launch: Options) -> None:
-    """Add a node that starts a launch file, of which it gets the options."""
+def keep(scope: Scope, place: Place, launch: Options, reason: str) -> None:
+    """Add a node that starts a launch file, of which it gets the options, and why."""
     file = launch["file"]
-    if file.endswith(".py"):
-        message = f"{file} is Python, so that it stays a launch file, in one pod"
-    else:
-        message = f"{file} is not here; to read it, pass --package {launch['package']}=DIRECTORY"
+    message = f"{file} stays a launch file, in one pod: {reason}"
     message += "; it does not get the parameters and remappings that are set around it"
     name = file.split(".")[0].replace("-", "_")
     if scope.robot.ros == "1":

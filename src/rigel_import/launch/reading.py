@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import attrs
 
 from rigel_import.draft import Draft, Place, Remark
 from rigel_import.launch import ros1, ros2
 from rigel_import.launch.actions import follow
-from rigel_import.launch.packages import find_package, find_packages, find_workspace
+from rigel_import.launch.packages import (
+    find_launch_file,
+    find_package,
+    find_packages,
+    find_workspace,
+)
+from rigel_import.launch.python import take_python
 from rigel_import.launch.scope import Robot, Scope
 from rigel_import.text import read_text
 from rigel_k8s.distros import CURRENT
@@ -52,15 +60,60 @@ def read(
         UserError: it cannot be read, has a mistake, starts no node, or is not for that ROS.
     """
     if file.suffix == ".py":
-        raise _refuse_python(file)
+        return read_python([str(file)], arguments, packages, image, distro)
     ros = "1" if OF_ROS1.search(read_text(file)) else "2"
     if distro is not None and distro not in SUPPORTED[ros]:
         raise UserError(
             f"{file} is a launch file of ROS {ros}, and {distro} is not",
             hint=f"pass one of {', '.join(SUPPORTED[ros])}, or leave --distro out",
         )
-    robot = Robot(ros, TAGS[ros], {**find_packages(find_workspace(file)), **packages})
+    robot = make_robot(ros, file, packages, image)
     follow(Scope(robot, dict(arguments), robot.remarks), file)
+    return finish_reading(robot, file, arguments, image, distro)
+
+
+def read_python(
+    words: Sequence[str],
+    arguments: Mapping[str, str],
+    packages: Mapping[str, Path],
+    image: str | None,
+    distro: str | None = None,
+) -> Draft:
+    """Return a launch file in Python as a draft; arguments and errors are those of `read`.
+
+    Args:
+        words: its path, or its package and name; a package that is not here is the image's.
+    """
+    package, name = words[0], words[-1]
+    file = Path(name)
+    if len(words) == 1 or package in {**find_packages(Path.cwd()), **packages}:
+        file = find_launch_file(package, name, packages) if len(words) > 1 else file
+        read_text(file)
+        words = [str(file.resolve())]
+    if image is None:
+        raise _refuse_python(file)
+    robot = make_robot("2", file, packages, image)
+    take_python(Scope(robot, dict(arguments), robot.remarks), words, image)
+    draft = finish_reading(robot, file, arguments, image, distro)
+    return attrs.evolve(draft, name=package) if len(words) > 1 else draft
+
+
+def make_robot(ros: str, file: Path, packages: Mapping[str, Path], image: str | None) -> Robot:
+    """Return a robot without nodes, with the packages of a file's workspace."""
+    robot = Robot(ros, TAGS[ros], {**find_packages(find_workspace(file)), **packages})
+    if image is not None:
+        robot.take_python = lambda scope, words: take_python(scope, words, image)
+    return robot
+
+
+def finish_reading(
+    robot: Robot,
+    file: Path,
+    arguments: Mapping[str, str],
+    image: str | None,
+    distro: str | None,
+) -> Draft:
+    """Return a robot as a draft, or raise UserError for unknown arguments, or without nodes."""
     for name in sorted(arguments.keys() - robot.declared):
         message = f'{file}: no argument "{name}"{suggest(name, robot.declared)}'
         raise UserError(message, hint="correct --arg, or leave it out")
@@ -91,6 +144,7 @@ def make_draft(robot: Robot, file: Path, image: str | None, distro: str | None) 
         {key: finish(options) for key, options in robot.nodes.items()},
         {"image": image, **OPTIONS[robot.ros], **finish(robot.options)},
         remarks=tuple(dict.fromkeys(remarks)),
+        files=robot.texts,
     )
 
 
@@ -131,5 +185,5 @@ def _refuse_python(file: Path) -> UserError:
     """Return the error for a launch file in Python, with what to write instead."""
     package, _ = find_package(file) or ("PACKAGE", file.parent)
     node = f"{{ launch: {{ package: {package}, file: {file.name} }} }}"
-    message = f"{file}: a launch file in Python is a program, which is not run here"
-    return UserError(message, hint=f"start it with a node {node}, or write it in XML or YAML")
+    message = f"{file}: a launch file in Python is a program, which is only run in your image"
+    return UserError(message, hint=f"pass --image, or start it in one pod with a node {node}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from rigel_import.draft import Place
 from rigel_import.launch.actions import add_node, include, read_passed, set_argument, set_env, take
 from rigel_import.launch.entities import Entity, as_text
 from rigel_import.launch.expressions import LeftOut
@@ -41,13 +42,18 @@ def remap(scope: Scope, entity: Entity) -> None:
 
     Private names, `~/in`, are written in full.
     """
-    pair = [scope.read_known(entity, key) for key in ("from", "to")]
-    for index, name in enumerate(pair):
+    remap_private(scope, scope.read_known(entity, "from"), scope.read_known(entity, "to"))
+
+
+def remap_private(scope: Scope, old: str, new: str) -> None:
+    """Rename a topic or service of nodes; private names are written in full."""
+    names = [old, new]
+    for index, name in enumerate(names):
         if name.startswith("~/"):
             if scope.node is None:
                 raise LeftOut(f"`{name}` needs the node's name")
-            pair[index] = f"/{scope.node}{name[1:]}"
-    scope.options.setdefault("remappings", {}).setdefault(*pair)
+            names[index] = f"/{scope.node}{name[1:]}"
+    scope.options.setdefault("remappings", {}).setdefault(*names)
 
 
 def set_param(scope: Scope, entity: Entity) -> None:
@@ -72,21 +78,23 @@ def read_value(scope: Scope, entity: Entity) -> Any:
     if value is None and entity.children:
         return {scope.read_known(e, "name"): read_value(scope, e) for e in entity.children}
     if isinstance(value, list):
-        return [_read_text(scope.resolve(as_text(item), entity.place), entity) for item in value]
+        return [
+            read_plain(scope.resolve(as_text(item), entity.place), entity.place) for item in value
+        ]
     if value is not None and not isinstance(value, str):
         return value
     text = scope.read(entity, "value")
     if separator := entity.values.get("value-sep"):
-        return [_read_text(part, entity) for part in text.split(separator)]
-    return text if entity.values.get("type") == "str" else _read_text(text, entity)
+        return [read_plain(part, entity.place) for part in text.split(separator)]
+    return text if entity.values.get("type") == "str" else read_plain(text, entity.place)
 
 
-def _read_text(text: str, entity: Entity) -> Any:
+def read_plain(text: str, place: Place) -> Any:
     """Return a text with the type that ros2 launch gives it."""
     if "$(" in text:
         return text
     try:
-        value = read_yaml(text, entity.place)
+        value = read_yaml(text, place)
     except UserError:
         return text  # such as "a: b: c"
     return text if value is None or isinstance(value, dict) else value
@@ -109,10 +117,10 @@ def take_container(scope: Scope, entity: Entity) -> None:
 def add_component(scope: Scope, entity: Entity, components: dict[str, Options]) -> None:
     """Add a composable node to the components of a container."""
     plugin = scope.read_known(entity, "plugin")
-    default = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", plugin.rsplit(":")[-1]).lower()
-    name = scope.read_known(entity, "name", default)
-    if "name" not in entity.values:
-        scope.remark(entity.place, f"{plugin} has no name in the launch file; it gets `{name}`")
+    if "name" in entity.values:
+        name = scope.read_known(entity, "name")
+    else:
+        name = name_component(scope, entity.place, plugin)
     key = join(scope.namespace, scope.read_known(entity, "namespace", ""), name)
     scope.node = key
     take(scope, entity.children, COMPONENT_TAGS)
@@ -122,6 +130,13 @@ def add_component(scope: Scope, entity: Entity, components: dict[str, Options]) 
     kept = ("parameters", "remappings", "extra_arguments")
     own = {option: scope.options[option] for option in kept if option in scope.options}
     components[key] = {"package": scope.read_known(entity, "pkg"), "plugin": plugin, **own}
+
+
+def name_component(scope: Scope, place: Place, plugin: str) -> str:
+    """Return a name for a component without one, with a remark."""
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", plugin.rsplit(":")[-1]).lower()
+    scope.remark(place, f"{plugin} has no name in the launch file; it gets `{name}`")
+    return name
 
 
 def set_extra_argument(scope: Scope, entity: Entity) -> None:

@@ -6,7 +6,7 @@ What only a container knows stays, in the form that `substitution_args` replaces
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,8 @@ class Robot:
         declared: the names of all arguments.
         nodes: the options of each node, by key.
         options: the options of the job.
+        texts: parameter files that are written beside the Rigelfile, by their paths.
+        take_python: adds what a launch file in Python starts; None: it is not evaluated.
     """
 
     ros: str
@@ -52,6 +54,8 @@ class Robot:
     nodes: dict[str, Options] = attrs.field(factory=dict)
     options: Options = attrs.field(factory=dict)
     remarks: list[Remark] = attrs.field(factory=list)
+    texts: dict[str, str] = attrs.field(factory=dict)
+    take_python: Callable[[Scope, Sequence[str]], None] | None = None
 
 
 @attrs.define

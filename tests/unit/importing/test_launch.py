@@ -291,7 +291,7 @@ def test_an_include_that_is_not_here_stays_a_launch_file() -> None:
     draft = convert(text)
     launch = {"package": "q", "file": "b.launch", "args": {"x": "1"}}
     assert draft.nodes == {"g/b": {"launch": launch, "env": {"E": "1"}}}
-    assert "a.launch:1: b.launch is not here; to read it, pass --package q=" in list_remarks(draft)
+    assert "it is not here; to read it, pass --package q=DIRECTORY" in list_remarks(draft)
 
 
 def test_a_given_package_wins() -> None:
@@ -435,17 +435,20 @@ def test_the_first_remapping_wins() -> None:
     assert convert_one(text)["remappings"] == {"a": "b", "e": "f"}
 
 
-def test_an_included_python_file_stays_a_launch_file() -> None:
-    """Even if it is here."""
+def test_an_included_python_file_stays_a_launch_file_without_an_image() -> None:
+    """Even if it is here; with an image it is evaluated (test_launch_python.py)."""
     add_package("nav2")
     Path("src/nav2/launch/b.launch.py").write_text("")
     text = """<push_ros_namespace namespace="g"/><set_env name="E" value="1"/>
       <include file="$(find-pkg-share nav2)/launch/b.launch.py">
       <arg name="x" value="True"/></include>"""
-    draft = convert(text, "src/a.launch.xml")
+    Path("src/a.launch.xml").write_text(f"<launch>{text}<include file='b.py'/></launch>")
+    draft = read(Path("src/a.launch.xml"), {}, {})
     launch = {"package": "nav2", "file": "b.launch.py", "args": {"x": "True"}}
     assert draft.nodes == {"b": {"launch": launch, "env": {"E": "1"}}}
+    assert "it is in Python, and was not evaluated without --image" in list_remarks(draft)
     assert "nor the namespace g" in list_remarks(draft)
+    assert "`include` is left out: it is in Python" in list_remarks(draft)
 
 
 def test_without_a_package_the_file_names_the_robot() -> None:
@@ -456,7 +459,7 @@ def test_python_is_refused_with_what_to_write() -> None:
     """A launch file in Python is never run or guessed."""
     file = add_package("rover") / "launch" / "go.launch.py"
     file.write_text("raise SystemExit")
-    with pytest.raises(UserError, match="is a program, which is not run here") as error:
+    with pytest.raises(UserError, match="is a program, which is only run in your image") as error:
         read(file, {}, {})
     assert "launch: { package: rover, file: go.launch.py }" in (error.value.hint or "")
 

@@ -134,7 +134,7 @@ def measure_large(turns: int = 5) -> None:
             read = xmlrpc.client.dumps(("/bench", "/large"), "getParam").encode()
             urllib.request.urlopen(f"http://127.0.0.1:{GATE}", read).read()
             times.append([middle - started, time.perf_counter() - middle])
-        time.sleep(2)  # the gate writes its file anew
+        time.sleep(2)  # the gate writes its file again
         end.set()
         thread.join()
         took = [median(found) for found in zip(*times, strict=True)]

@@ -90,7 +90,7 @@ class Nodes:
         self._send((api, PUBLISHERS, topic))
 
     def send_parameter(self, api: str, key: str) -> None:
-            self._send((api, VALUE, key))
+        self._send((api, VALUE, key))
 
     def send_answer(self, one: Registration) -> None:
         """Send a node the master's answer to a registration that the gate made."""

@@ -196,6 +196,20 @@ def test_the_last_words_are_the_errors_among_them(log: str, words: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ('Error: cannot start pipelines: cannot start "otlp_http" exporter: timeout\n',
+         "another collector uses the same directory"),
+        ("panic: assertion failed: Page expected to be: 5, but self identifies as 0\n\n"
+         "goroutine 24 [running]:\ngo.etcd.io/bbolt.(*Tx).page(0x39804c3a3630?)\n",
+         "its files are damaged"),
+    ],
+)  # fmt: skip
+def test_what_the_collector_prints_is_said_in_words(log: str, words: str) -> None:
+    assert find_last_words(log).startswith(words)
+
+
+@pytest.mark.parametrize(
     ("status", "kind", "words"),
     [
         (container(waiting("ErrImagePull", 'rpc: "i:1": not found')), "image", "pulled: not found"),

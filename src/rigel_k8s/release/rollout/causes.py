@@ -33,6 +33,16 @@ ERROR = re.compile(
 )
 #: Which line of our own script could not start a program; what follows is the shell's reason.
 OURS = re.compile(r"^/rigel-k8s/[\w.]+: (line )?\d+: (exec: )?")
+#: What the logs' collector prints, and what it means.
+COLLECTOR = {
+    re.compile(r'cannot start "\w+" exporter: timeout'): (
+        "another collector uses the same directory of the machine: remove one of the two stacks"
+    ),
+    re.compile(r"^go\.etcd\.io/bbolt\.", re.MULTILINE): (
+        "its files are damaged, as by a loss of power: delete /var/lib/rigel-otel-collector on the"
+        " machine; it reads the present logs again then"
+    ),
+}
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
 EVENTS = {
     "FailedMount": "mount",
@@ -158,7 +168,6 @@ def explain_owner(
 
 
 def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
-    """Yield what is wrong with one pod."""
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     for condition in status.get("conditions") or []:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
@@ -296,6 +305,9 @@ def find_last_words(message: str) -> str:
         if error:
             place = f", {own[-1][1]}:{own[-1][2]}" if own else ""
             return f"{error[:LONGEST_MESSAGE]}{place}"
+    for words, meaning in COLLECTOR.items():
+        if words.search(message):
+            return meaning
     errors = [] if calls else [line for line in lines if ERROR.match(line)]
     text = " ".join(" ".join(dict.fromkeys(errors or lines)).split())
     return f"…{text[-LONGEST_MESSAGE:]}" if len(text) > LONGEST_MESSAGE else text

@@ -93,7 +93,7 @@ def status_text(
         headline(found),
         table(heads, rows, optional, colors, WHOLE) if rows else "nothing runs",
     ]
-    lines = [*reasons_of(found), *stop_lines(found, now), *rollback_lines(found)]
+    lines = [*found.missing, *reasons_of(found), *stop_lines(found, now), *rollback_lines(found)]
     lines += problem_lines(graph.problems if graph is not None else ())
     lines += gate_lines(gate, found) if gate is not None else ()
     lines += problem_lines(clocks)
@@ -299,7 +299,8 @@ def status_json(
         "revision_status": found.revision_status,
         "good_revision": found.good,
         "rolled_back": found.rolled_back and attrs.asdict(found.rolled_back),
-        "ready": all(workload.ok for workload in found.workloads),
+        "ready": found.ok,
+        "missing": list(found.missing),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
         "gate": None if gate is None else attrs.asdict(gate),

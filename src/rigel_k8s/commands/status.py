@@ -52,8 +52,7 @@ class Status:
     @property
     def ok(self) -> bool:
         """Whether everything required is ready, and all nodes reach the others."""
-        ready = all(workload.ok for workload in self.release.workloads)
-        return ready and not (self.graph and self.graph.errors)
+        return self.release.ok and not (self.graph and self.graph.errors)
 
 
 def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:

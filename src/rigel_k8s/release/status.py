@@ -15,7 +15,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ending, is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL, OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.podnodes import shared_pod, split
-from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.drift import describe_drift, describe_halt
 from rigel_k8s.release.labelling import is_applied
@@ -45,6 +45,17 @@ KINDS = (
     ("apps/v1", "ReplicaSet"),
     ("v1", "PersistentVolumeClaim"),
 )
+#: What nodes need beside that, of which only the names are read.
+BESIDE = (("v1", "Service"), ("v1", "ConfigMap"))
+#: What only people delete.
+LASTING = {
+    "Deployment",
+    "DaemonSet",
+    "StatefulSet",
+    "PersistentVolumeClaim",
+    "Service",
+    "ConfigMap",
+}
 
 
 @attrs.frozen
@@ -132,6 +143,7 @@ class ReleaseStatus:
         good: the number of the newest revision that became ready, 0 if none is known.
         rolled_back: the last update, if it was rolled back.
         last_good: the record of the revision `good`, None without one.
+        missing: what the newest revision has made and someone has deleted, in a sentence for each.
     """
 
     release: ReleaseId
@@ -141,6 +153,12 @@ class ReleaseStatus:
     good: int = 0
     rolled_back: RolledBack | None = None
     last_good: revisions.Record | None = attrs.field(default=None, eq=False, repr=False)
+    missing: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether all is there, and all that is required is ready."""
+        return not self.missing and all(workload.ok for workload in self.workloads)
 
     @property
     def keeps_old(self) -> bool:
@@ -155,14 +173,38 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     Raises:
         UserError: nothing of it is on the cluster.
     """
-    found, records = collect(cluster, release)
+    found, beside, records = collect(cluster, release)
     surroundings = look_around(
         found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ())
     )
     described = describe_release(release, found.values(), surroundings, records)
     if described is None:
         raise no_release_error(release)
-    return described
+    missing = find_missing(list_owned(records), {**found, **beside})
+    return attrs.evolve(described, missing=tuple(missing))
+
+
+def list_owned(records: Sequence[revisions.Record] | None) -> Sequence[ObjectRef]:
+    """Return what the newest revision has made; nothing if it is not good, or cannot be read."""
+    if not records or records[-1].status != "good":
+        return ()
+    try:
+        return [item.ref for item in records[-1].revision().inventory]
+    except ClusterError:  # `history` reports it
+        return ()
+
+
+def find_missing(owned: Iterable[ObjectRef], found: Mapping[str, Iterable[Live]]) -> Iterator[str]:
+    """Yield what a release owns and is not there any more, in a sentence for each; pure.
+
+    Args:
+        found: all that is there, by the kinds that were looked for.
+    """
+    there = {ref_of(live) for kind in found.values() for live in kind}
+    for ref in owned:
+        if ref.kind in LASTING & found.keys() and ref not in there:
+            name = f"{ref.kind} {ref.name}"
+            yield f"{name} is missing: someone has deleted it; `rigel run` makes it again"
 
 
 def no_release_error(release: ReleaseId) -> UserError:
@@ -224,8 +266,8 @@ def newest(records: Sequence[revisions.Record] | None) -> tuple[int, str]:
 
 def collect(
     cluster: Cluster, release: ReleaseId
-) -> tuple[dict[str, list[Live]], Sequence[revisions.Record] | None]:
-    """Return the release's objects, all pods of its namespace that may be its own, and warnings."""
+) -> tuple[dict[str, list[Live]], dict[str, list[Live]], Sequence[revisions.Record] | None]:
+    """Return the release's objects and its namespace's warnings; what is BESIDE; its records."""
     own = {RELEASE_LABEL: release.name}
     where = release.namespace
 
@@ -235,14 +277,21 @@ def collect(
         except ClusterError:  # without the right to see events less can be explained
             return ()
 
+    def list_beside(api_version: str, kind: str) -> dict[str, list[Live]]:
+        try:
+            return {kind: cluster.list(api_version, kind, where, labels=own, metadata_only=True)}
+        except Forbidden:  # a viewer
+            return {}
+
     kinds = (*KINDS, ("v1", "Pod"))
-    records, events, *listed = cluster.gather(
+    records, events, services, maps, *listed = cluster.gather(
         partial(list_records, cluster, release),
         list_events,
+        *(partial(list_beside, *kind) for kind in BESIDE),
         *(partial(cluster.list, *kind, where, labels=own) for kind in kinds),
     )
     found = {kind: there for (_, kind), there in zip(kinds, listed, strict=True)}
-    return {**found, "Event": events}, records
+    return {**found, "Event": events}, {**services, **maps}, records
 
 
 def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Record] | None:

@@ -178,7 +178,8 @@ def release_entry(
         "counts": counts,
         "nodes": len(nodes),
         "ready": sum(map(is_well, nodes.values())),
-        "well": all(map(is_well, needed)),
+        "well": not found.missing and all(map(is_well, needed)),
+        "missing": list(found.missing),
     }
 
 

@@ -17,10 +17,16 @@ from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.history import History
 from rigel_k8s.release.locking import DURATION, holder, is_alive, lease_ref
-from rigel_k8s.release.revisions import OF, read_all
+from rigel_k8s.release.revisions import OF, Record, read_all, versions
 from rigel_k8s.release.rollout.standing import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
-from rigel_k8s.release.status import KINDS, choose_part, describe_release
+from rigel_k8s.release.status import (
+    KINDS,
+    choose_part,
+    describe_release,
+    find_missing,
+    list_owned,
+)
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.ui.feed import Entries
 from rigel_k8s.ui.nodes import node_entry, release_entry
@@ -45,6 +51,7 @@ class Overview:
         self._known: set[ObjectRef] = set()
         self._history = History(ROS_NAME_ANNOTATION)
         self._lease: tuple[str, float] = ("", 0.0)
+        self._owned: tuple[Sequence[str], Sequence[ObjectRef]] = ((), ())
 
     def watch(self, view: ReleaseView) -> None:
         """Let a view watch what the entries are made of."""
@@ -71,6 +78,9 @@ class Overview:
             gone = ("node", "box", "topic", "dot", "revision", "problems")
             return {"release": {"release": {"absent": True}}, **{group: {} for group in gone}}
 
+        seen = {kind: there for (_, kind), there in zip(KINDS, live, strict=True)}
+        missing = find_missing(self._list_owned(records or ()), seen)
+        found = attrs.evolve(found, missing=tuple(missing))
         changing = self._find_holder(view, now)
         before = self.nodes or {}
         rolling = found.revision_status == "pending" and changing != ""
@@ -113,6 +123,13 @@ class Overview:
             entries = self._history.make_entries(records)
             made["revision"] = {f"revision/{one.number}": attrs.asdict(one) for one in entries}
         return made
+
+    def _list_owned(self, records: Sequence[Record]) -> Sequence[ObjectRef]:
+        """Return what the newest revision has made; it is read again only if it has changed."""
+        newest = versions(records[-1:])
+        if newest != self._owned[0]:
+            self._owned = newest, list_owned(records)
+        return self._owned[1]
 
     def _note_crashes(self, ref: ObjectRef, pods: Sequence[Manifest], now: float) -> None:
         """Note how often a workload's pods have crashed, except those that are being terminated.

@@ -289,6 +289,7 @@ def test_status_for_scripts() -> None:
         "revision_status": "good",
         "good_revision": 0,
         "rolled_back": None,
+        "missing": [],
         "ready": True,
         "graph": None,
         "gate": None,

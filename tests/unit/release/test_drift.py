@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import click
 import pytest
 
+from rigel_k8s.cli.status import status_text
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.look import look_at
 from rigel_k8s.release.part import Part
@@ -160,3 +163,45 @@ def test_what_the_rigelfile_stops_is_as_it_is_to_be(fake: FakeCluster, report: A
     found = status(fake, RELEASE)
     assert found is not None
     assert all(one.ok for one in found.workloads)
+
+
+SERVICE: dict[str, Any] = {
+    "apiVersion": "v1",
+    "kind": "Service",
+    "metadata": {"name": "talker", "namespace": "n"},
+    "spec": {"clusterIP": "None", "selector": {"app": "talker"}, "ports": [{"port": 80}]},
+}
+
+
+@pytest.mark.parametrize("kind", ["Deployment", "Service", "ConfigMap"])
+def test_what_someone_has_deleted_is_missing(fake: FakeCluster, report: Any, kind: str) -> None:
+    """In `status`, whose exit code says it; a deploy makes it again."""
+    wanted = desired(workload(), SERVICE, config("talker"), workload("other"))
+    deploy(wanted, fake, report=report)
+    assert status(fake, RELEASE).ok
+    fake.delete(ref(kind, "talker"))
+    fake.settle()
+    found = status(fake, RELEASE)
+    line = f"{kind} talker is missing: someone has deleted it; `rigel run` makes it again"
+    assert (found.missing, found.ok) == ((line,), False)
+    assert line in click.unstyle(status_text(found))
+    assert "of 2 ready" not in status_text(found)
+
+    deploy(wanted, fake, report=report)
+    assert status(fake, RELEASE).ok
+
+
+def test_without_the_right_to_see_services_none_is_missing(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A viewer's case."""
+    deploy(desired(workload(), SERVICE), fake, report=report)
+    plain = FakeCluster.list
+
+    def list_(self: Any, api_version: str, kind: str, *words: Any, **more: Any) -> Any:
+        if kind == "Service":
+            raise Forbidden("no")
+        return plain(self, api_version, kind, *words, **more)
+
+    monkeypatch.setattr(FakeCluster, "list", list_)
+    assert status(fake, RELEASE).ok

@@ -25,7 +25,7 @@ from rigel_k8s.ui.live import Live
 from tests.support.clock import Leap
 from tests.support.controllers import crash_status, running
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import RELEASE, workload
+from tests.support.manifests import RELEASE, ref, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy, down
 from tests.support.until import until
@@ -199,6 +199,16 @@ def test_a_release_that_is_not_there_yet_is_waited_for(scene: Scene) -> None:
     scene.until(lambda: scene.feed.get("release").get("absent"), "nothing again")
     for group in ("node", "revision"):
         scene.until(lambda group=group: scene.feed.list_group(group) == {}, f"the end of {group}")
+
+
+def test_a_node_that_someone_has_deleted_is_named(scene: Scene) -> None:
+    scene.deploy(workload(), workload("camera"))
+    scene.start()
+    scene.until(lambda: (scene.feed.get("release") or {}).get("well"), "a release that is well")
+    scene.fake.delete(ref("Deployment", "camera"))
+    whole = scene.until(lambda: (r := scene.feed.get("release"))["missing"] and r, "the loss")
+    assert whole["missing"][0].startswith("Deployment camera is missing")
+    assert not whole["well"]
 
 
 def test_a_cluster_that_is_away_is_reported_and_comes_back(

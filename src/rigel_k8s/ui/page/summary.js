@@ -43,6 +43,8 @@ function showBanner(cluster, release) {
     text = `${cluster.message}.${old}`;
   } else if (release.absent) {
     text = `There is no release ${cluster.release} in the namespace ${cluster.namespace} yet. This page waits for it.`;
+  } else if (release.missing?.length) {
+    text = release.missing.join("; ");
   }
   setText(byId("banner"), text);
 }

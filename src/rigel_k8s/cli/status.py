@@ -93,7 +93,13 @@ def status_text(
         headline(found),
         table(heads, rows, optional, colors, WHOLE) if rows else "nothing runs",
     ]
-    lines = [*found.missing, *reasons_of(found), *stop_lines(found, now), *rollback_lines(found)]
+    lines = [
+        *found.missing,
+        *found.changed,
+        *reasons_of(found),
+        *stop_lines(found, now),
+        *rollback_lines(found),
+    ]
     lines += problem_lines(graph.problems if graph is not None else ())
     lines += gate_lines(gate, found) if gate is not None else ()
     lines += problem_lines(clocks)
@@ -301,6 +307,7 @@ def status_json(
         "rolled_back": found.rolled_back and attrs.asdict(found.rolled_back),
         "ready": found.ok,
         "missing": list(found.missing),
+        "changed": list(found.changed),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
         "gate": None if gate is None else attrs.asdict(gate),

@@ -30,6 +30,7 @@ from rigel_k8s.release.rollout.causes import (
 )
 from rigel_k8s.release.rollout.readiness import readiness, readiness_among
 from rigel_k8s.release.rollout.view import Surroundings, look_around
+from rigel_k8s.release.sources import find_changed
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import RUNNING, WORKLOADS, ReleaseId
 
@@ -144,6 +145,7 @@ class ReleaseStatus:
         rolled_back: the last update, if it was rolled back.
         last_good: the record of the revision `good`, None without one.
         missing: what the newest revision has made and someone has deleted, in a sentence for each.
+        changed: nodes whose variables come from what has changed since, in the same way.
     """
 
     release: ReleaseId
@@ -154,11 +156,14 @@ class ReleaseStatus:
     rolled_back: RolledBack | None = None
     last_good: revisions.Record | None = attrs.field(default=None, eq=False, repr=False)
     missing: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
-        """Whether all is there, and all that is required is ready."""
-        return not self.missing and all(workload.ok for workload in self.workloads)
+        """Whether all is there and as it is to be, and all that is required is ready."""
+        return not (self.missing or self.changed) and all(
+            workload.ok for workload in self.workloads
+        )
 
     @property
     def keeps_old(self) -> bool:
@@ -181,7 +186,9 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     if described is None:
         raise no_release_error(release)
     missing = find_missing(list_owned(records), {**found, **beside})
-    return attrs.evolve(described, missing=tuple(missing))
+    workloads = [live for _, kind in RUNNING for live in found[kind] if belongs(live, release)]
+    changed = find_changed(cluster, workloads, surroundings.list_newest_pods)
+    return attrs.evolve(described, missing=tuple(missing), changed=tuple(changed))
 
 
 def list_owned(records: Sequence[revisions.Record] | None) -> Sequence[ObjectRef]:

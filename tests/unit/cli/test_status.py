@@ -290,6 +290,7 @@ def test_status_for_scripts() -> None:
         "good_revision": 0,
         "rolled_back": None,
         "missing": [],
+        "changed": [],
         "ready": True,
         "graph": None,
         "gate": None,

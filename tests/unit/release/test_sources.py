@@ -1,4 +1,4 @@
-"""A second Rigelfile with the default name never deletes the first robot without a word."""
+"""Variables that come from what has changed since a node started."""
 
 from __future__ import annotations
 
@@ -7,89 +7,74 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.release import revisions
-from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.types import Desired
-from tests.support.manifests import RELEASE, claim, workload
-from tests.support.releases import deploy, diff, rollback
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.release.sources import find_changed
 
-HERE, THERE = "/home/ann/robot", "/home/ann/second"
+EARLY, START, LATE = (f"2026-01-01T00:0{minute}:00Z" for minute in range(3))
+CLOUD = {"name": "cloud", "key": "key"}
 
 
-def from_folder(source: str, *names: str, master: bool = False) -> Desired:
-    """Return what a Rigelfile in a folder describes."""
-    first = [workload("ros-master", first=True)] if master else []
-    return Desired(RELEASE, (*first, *map(workload, names)), source=source)
+@attrs.define
+class Objects:
+    """A cluster that has them, each with the times of its changes, the first of its creation."""
+
+    times: dict[tuple[str, str], list[str]]
+    forbidden: bool = False
+
+    def list(
+        self, _: str, kind: str, namespace: str, *, fields: str, metadata_only: bool
+    ) -> list[dict[str, Any]]:
+        assert (namespace, metadata_only) == ("robot", True), "no value is read"
+        if self.forbidden:
+            raise Forbidden("no")
+        name = fields.removeprefix("metadata.name=")
+        times = self.times.get((kind, name), [])
+        managed = [{"time": time, "manager": "kubectl"} for time in times]
+        meta = {"name": name, "creationTimestamp": min(times, default=""), "managedFields": managed}
+        return [{"kind": kind, "metadata": meta}] if times else []
+
+    def parallel(self, function: Any, items: Any) -> list[Any]:
+        return [function(item) for item in items]
 
 
-@pytest.fixture
-def robot(fake: Any, report: Any) -> Any:
-    """A robot, deployed from a folder."""
-    deploy(from_folder(HERE, "driver", "filter", master=True), fake, report=report)
-    return fake
-
-
-def test_another_folder_with_other_nodes_is_refused(robot: Any, report: Any) -> None:
-    """With what would be deleted, and both ways out; `diff` says the same."""
-    wanted, before = from_folder(THERE, "imu", master=True), list(robot.writes)
-    for use in (lambda: deploy(wanted, robot, report=report), lambda: diff(wanted, robot)):
-        with pytest.raises(Refused) as caught:
-            use()
-        [problem] = caught.value.problems
-        assert "was deployed from /home/ann/robot" in problem.message
-        assert "driver, filter would be deleted" in problem.message
-        assert problem.path == ("deployment_name",)
-    assert robot.writes == before
+def find(objects: Objects, **own: Any) -> list[str]:
+    """Return what is found of a node with a container of two, which both have started at START."""
+    containers = [{"name": "uploader", **own}, {"name": "beside"}]
+    meta = {"name": "uploader", "namespace": "robot"}
+    live = {"metadata": meta, "spec": {"template": {"spec": {"containers": containers}}}}
+    runs = {"running": {"startedAt": START}}
+    states = [{"name": "uploader", "state": runs}, {"name": "beside", "state": {}}]
+    pod = {"status": {"containerStatuses": states}}
+    return find_changed(objects, [live], lambda _: [pod])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    "wanted",
+    ("kind", "own"),
     [
-        from_folder(HERE, "imu", master=True),
-        from_folder("", "imu"),
-        from_folder(THERE, master=True),
+        ("Secret", {"env": [{"name": "A", "value": "b"}, {"valueFrom": {"secretKeyRef": CLOUD}}]}),
+        ("Secret", {"envFrom": [{"secretRef": {"name": "cloud"}}]}),
+        ("ConfigMap", {"env": [{"valueFrom": {"configMapKeyRef": CLOUD}}]}),
     ],
-    ids=["same folder", "unknown folder", "no node"],
 )
-def test_other_changes_are_none_of_that(robot: Any, report: Any, wanted: Desired) -> None:
-    """What is deleted is named."""
-    deploy(wanted, robot, report=report)
-    [line] = [text for text in (*report.lines, *report.warnings) if "deleted" in text]
-    assert line.startswith("no longer in the Rigelfile, and deleted: ")
-    assert "filter" in line
+def test_what_has_changed_since_is_named_with_the_way_out(kind: str, own: Any) -> None:
+    [line] = find(Objects({(kind, "cloud"): [EARLY, LATE]}), **own)
+    assert line.startswith(f"uploader: {kind} cloud has changed since it started")
+    assert line.endswith("`rigel restart uploader`")
 
 
-def test_a_robot_of_another_folder_that_shares_some_names_is_refused(fake: Any, report: Any):
-    """A `driver` is in many robots; a copy of the folder without one node is this robot."""
-    deploy(from_folder(HERE, "driver", "filter", "planner"), fake, report=report)
-    with pytest.raises(Refused) as caught:
-        deploy(from_folder(THERE, "driver", "imu"), fake, report=report)
-    assert "filter, planner would be deleted" in caught.value.problems[0].message
-    deploy(from_folder(THERE, "driver", "filter"), fake, report=report)
-    assert "and deleted: planner (deployed from /home/ann/robot before)" in str(report.warnings)
+@pytest.mark.parametrize(
+    "objects",
+    [
+        Objects({("Secret", "cloud"): [EARLY]}),
+        Objects({("Secret", "cloud"): [EARLY, START]}),
+        Objects({}),
+        Objects({("Secret", "cloud"): [EARLY, LATE]}, forbidden=True),
+    ],
+)
+def test_what_has_not_or_cannot_be_seen_is_not(objects: Objects) -> None:
+    """Before the start, at the start, a missing one, without the right to look."""
+    assert find(objects, env=[{"valueFrom": {"secretKeyRef": CLOUD}}]) == []
 
 
-def test_a_folder_that_depends_on_where_it_was_said_is_not_known(fake: Any, report: Any) -> None:
-    """As earlier versions recorded it."""
-    deploy(from_folder(".", "driver", "filter"), fake, report=report)
-    deploy(from_folder(THERE, "imu"), fake, report=report)
-    assert "driver" in str([line for line in report.lines if "deleted" in line])
-
-
-def test_it_can_be_replaced(robot: Any, report: Any) -> None:
-    """And the rollback belongs to the first folder again."""
-    deploy(from_folder(THERE, "imu"), robot, report=report, adopt=True)
-    rollback(robot, RELEASE, report=report)
-    sources = [record.revision().source for record in revisions.records(robot, RELEASE)]
-    assert sources == [HERE, THERE, HERE]
-
-
-def test_a_rollback_names_its_revision(robot: Any, report: Any) -> None:
-    """The Rigelfile may have what the revision does not."""
-    wanted = from_folder(HERE, "driver", "filter", "imu", master=True)
-    wanted = attrs.evolve(wanted, objects=(*wanted.objects, claim("bags")))
-    deploy(wanted, robot, report=report)
-    rollback(robot, RELEASE, report=report)
-    assert "not in revision 1, and deleted: imu" in report.lines
-    assert "bags is not in revision 1; it holds data, so it is kept" in str(report.warnings)
-    assert "Rigelfile" not in str(report.lines + report.warnings)
+def test_a_container_that_reads_nothing_is_not_compared() -> None:
+    assert find(Objects({("Secret", "cloud"): [EARLY, LATE]})) == []

@@ -62,6 +62,9 @@ def part(
     finds: Callable[[bool], Inspection] = lambda early: Inspection(),
     **more: Any,
 ) -> Part:
+    for made in objects:
+        if made["kind"] == "Deployment":  # its pods are those of this release
+            made["spec"]["template"]["metadata"]["labels"]["rigel-k8s/release"] = name
     desired = Desired(ReleaseId("n", name), objects)
     return Part(desired=desired, rank=rank, hooks=Inspecting(finds), **more)
 

@@ -13,7 +13,7 @@ from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import STEADY, CrashLog, Standing
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import ReleaseView, look_around
 from tests.support.clock import Leap, leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -59,6 +59,23 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
         assert not look()
     now += 2
     assert look()
+
+
+def test_ready_before_its_pod_was_seen_is_not_enough(fake: FakeCluster) -> None:
+    """The watch of Deployments may be ahead of that of pods, which shows a crash."""
+    fake.apply(workload())
+    standing = Standing({TALKER: fake.objects[TALKER]})
+    standing.look({TALKER: fake.objects[TALKER]}, look_around([], []), 1000.0)
+    fake.settle()
+    live, sets = {TALKER: fake.objects[TALKER]}, fake.list("apps/v1", "ReplicaSet", "n")
+    standing.look(live, look_around(sets, []), 1001.0)
+    assert standing.is_enough(1001.0)
+    assert standing.list_unseen() == [TALKER]
+    with ReleaseView(fake, "n", 1.0) as view:  # type: ignore[arg-type]
+        assert not wait.sees_pods(view, standing, 1001.5)
+        assert wait.sees_pods(view, standing, 1001.0 + wait.BEHIND)
+    standing.look(live, look_around(sets, fake.list("v1", "Pod", "n")), 1002.0)
+    assert standing.list_unseen() == []
 
 
 def test_while_it_waits_for_its_restart_it_is_not_up() -> None:

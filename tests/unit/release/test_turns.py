@@ -13,7 +13,7 @@ from rigel_k8s.release.rollout import wait as waiting
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.view import Surroundings
+from rigel_k8s.release.rollout.view import REPLICA_SET, Surroundings
 from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import make_run
@@ -30,6 +30,16 @@ class View:
     says: str
     ready_at: float
     now: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether all has been listed."""
+        return True
+
+    @property
+    def refused(self) -> set[Any]:
+        """What cannot be watched: this one shows no ReplicaSets."""
+        return {REPLICA_SET}
 
     def time(self) -> float:
         return self.now

@@ -169,6 +169,15 @@ class Standing:
         """Return what is not ready and is needed."""
         return [ref for ref in self.list_waiting() if not is_optional(self.targets[ref])]
 
+    def list_unseen(self) -> list[ObjectRef]:
+        """Return Deployments that have become ready and of which no new pod was seen."""
+        return [
+            ref
+            for ref, live in self.live.items()
+            if ref.kind == "Deployment" and ref in self.rolling and self.states[ref].ready
+            if not self.surroundings.list_newest_pods(live)
+        ]
+
     def is_enough(self, now: float) -> bool:
         """Whether the wait is over: optional workloads only have a short while."""
         if self.enough_since is None:

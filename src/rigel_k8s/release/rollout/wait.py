@@ -22,6 +22,7 @@ BRIEF = 0.01  # seconds of a look after which the next one may follow at once
 REST = 3  # pause, in durations of a look: a core is left for others
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
+BEHIND = 2.0  # seconds by which one watch may be behind another
 SPARE = 600.0  # seconds that outages of the API server may prolong a wait
 
 
@@ -84,7 +85,7 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
         if turns > 0 and any(map(standing.find_turn, standing.list_waiting())):
             deadline, turns = deadline + now - seen, turns - (now - seen)
         seen = now
-        if standing.is_enough(now) and all_run(run, standing):
+        if standing.is_enough(now) and sees_pods(view, standing, now) and all_run(run, standing):
             account.leave_behind()
             return
         still_ours()
@@ -115,6 +116,16 @@ def allow_turns(targets: Iterable[Manifest]) -> float:
     """
     pods = [pod_of(target) for target in targets]
     return max((float(pod.get("terminationGracePeriodSeconds", 0)) for pod in pods), default=0)
+
+
+def sees_pods(view: ReleaseView, standing: Standing, now: float) -> bool:
+    """Whether pods of all that is ready were seen: each kind has a watch, and they keep no order.
+
+    Without them, a crash before the pod was ready would be missed. They come at once, or never.
+    """
+    if standing.enough_since is not None and now - standing.enough_since >= BEHIND:
+        return True
+    return view.complete and (REPLICA_SET in view.refused or not standing.list_unseen())
 
 
 def all_run(run: Run, standing: Standing) -> bool:

@@ -13,11 +13,13 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.overlay import containers_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 
-#: The keys that name them in `env` and `envFrom`.
-KINDS = {
-    **{"secretKeyRef": "Secret", "configMapKeyRef": "ConfigMap"},
-    **{"secretRef": "Secret", "configMapRef": "ConfigMap"},
-}
+#: What names them in `env` and `envFrom`, and their kinds.
+FIELDS = (
+    ("configMapRef", "ConfigMap"),
+    ("secretRef", "Secret"),
+    ("configMapKeyRef", "ConfigMap"),
+    ("secretKeyRef", "Secret"),
+)
 
 
 def find_changed(
@@ -47,13 +49,22 @@ def find_changed(
 
 def list_sources(workload: Manifest) -> Iterator[tuple[str, ObjectRef]]:
     """Yield each container of a workload with what it reads as variables."""
+    namespace = workload["metadata"]["namespace"]
     for container in containers_of(workload):
-        sources: list[Mapping[str, Any]] = [*(container.get("envFrom") or ())]
-        sources += (one.get("valueFrom") or {} for one in container.get("env") or ())
-        for source in sources:
-            for key in KINDS.keys() & source.keys():
-                name, namespace = source[key].get("name"), workload["metadata"]["namespace"]
-                yield container["name"], ObjectRef("v1", KINDS[key], namespace, str(name))
+        for source, kind in list_variables(container):
+            yield container["name"], ObjectRef("v1", kind, namespace, str(source.get("name")))
+
+
+def list_variables(container: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], str]]:
+    """Yield what a container's variables come from, as it is named there, and its kind."""
+    entries = [
+        *(container.get("envFrom") or ()),
+        *(one.get("valueFrom") or {} for one in container.get("env") or ()),
+    ]
+    for entry in entries:
+        for field, kind in FIELDS:
+            if source := entry.get(field):
+                yield source, kind
 
 
 def read_change(cluster: Cluster, ref: ObjectRef) -> str:

@@ -12,6 +12,7 @@ from rigel_k8s.objects.images import containers
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.resources import format_quantity, parse_quantity
 from rigel_k8s.objects.scheduling import find_taints, has_labels, is_chosen, may_run
+from rigel_k8s.release.sources import list_variables
 from rigel_k8s.release.types import Obstacle
 
 #: ConfigMaps that the cluster puts into each namespace.
@@ -22,13 +23,6 @@ VOLUMES = (
     ("configMap", "name", "ConfigMap"),
     ("secret", "secretName", "Secret"),
     ("persistentVolumeClaim", "claimName", "PersistentVolumeClaim"),
-)
-#: The same for a container's environment.
-ENVIRONMENT = (
-    ("configMapRef", "ConfigMap"),
-    ("secretRef", "Secret"),
-    ("configMapKeyRef", "ConfigMap"),
-    ("secretKeyRef", "Secret"),
 )
 
 
@@ -82,13 +76,8 @@ def list_sources(workload: Manifest) -> Iterator[tuple[Mapping[str, Any], str, s
             yield source.get("configMap") or {}, "name", "ConfigMap"
             yield source.get("secret") or {}, "name", "Secret"
     for container in containers(workload):
-        entries = [
-            *(container.get("envFrom") or ()),
-            *(one.get("valueFrom") or {} for one in container.get("env") or ()),
-        ]
-        for entry in entries:
-            for field, kind in ENVIRONMENT:
-                yield entry.get(field) or {}, "name", kind
+        for source, kind in list_variables(container):
+            yield source, "name", kind
 
 
 def find_absent(cluster: Cluster, needs: Mapping[ObjectRef, list[ObjectRef]]) -> Iterator[Obstacle]:

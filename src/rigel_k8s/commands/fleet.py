@@ -8,8 +8,8 @@ from rigel_k8s.commands import releases
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.targets import Jobs, Release, read_jobs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
-from rigel_k8s.jobs.branches import make_failure
 from rigel_k8s.jobs.deploying import HasRelease
+from rigel_k8s.jobs.engine import make_failure
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.matrix import Outcome, count_failures, list_outcomes
 from rigel_k8s.jobs.runner import list_steps

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
 from rigel_k8s import signals
-from rigel_k8s.jobs.branches import CancelScope
-from rigel_k8s.jobs.interruption import interruptions
+from rigel_k8s.jobs.stopping import CancelScope, interruptions
 from rigel_k8s.kube import Cluster
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter

@@ -14,11 +14,12 @@ from typing import Any, ClassVar
 
 from rigel_k8s.compat.found import command_line, find_use
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.jobs.branches import CancelScope
+from rigel_k8s.jobs.engine import GRACE
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.jobs.registry import job_type, provider_type
-from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
+from rigel_k8s.jobs.runner import Prepared, prepare_use, run
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
 

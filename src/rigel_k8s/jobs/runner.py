@@ -1,6 +1,6 @@
 """`run job` and `run sequence`: resolve and check everything, then run it.
 
-Job types decide what a job does, live.py decides how a run proceeds.
+Job types decide what a job does, engine.py decides how a run proceeds.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any, ClassVar, TypeVar
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.branches import CancelScope
-from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs.engine import Declared, run_steps
 from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import JobContext, JobReporter, JobType
-from rigel_k8s.jobs.live import Declared, run_steps
 from rigel_k8s.jobs.names import Kind, index_by_name
 from rigel_k8s.jobs.registry import resolve
 from rigel_k8s.jobs.steps import Job, Jobs, list_jobs, list_sequence_steps
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.jobs.values import Values, check_steps
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
@@ -39,9 +38,6 @@ from rigel_k8s.rigelfile.spending import TooLarge
 from rigel_k8s.settings import Application, Settings
 
 T = TypeVar("T")
-
-#: Seconds that jobs may take to end after Ctrl-C or another job's failure.
-GRACE = 30.0
 
 
 @attrs.frozen
@@ -138,7 +134,7 @@ def run(
     connected: Mapping[str, Any] | None = None,
     scope: CancelScope | None = None,
     applied: threading.Event | None = None,
-) -> dict[str, Any]:
+) -> Mapping[str, Any]:
     """Run what was prepared; return the data that the jobs stored. It reports no warnings.
 
     Args:
@@ -154,22 +150,22 @@ def run(
         Interrupted: Ctrl-C or SIGTERM.
     """
     declared = [d for d in prepared.providers if d.name not in (connected or {})]
-    context = RunContext(
+    context = JobContext(
+        name="",
         application=prepared.rigelfile.application,
-        settings=prepared.settings,
         report=report,
-        realise=prepared.values.realise,
-        matrix=prepared.values.matrix,
+        settings=prepared.settings,
+        data={} if data is None else data,
         vars=prepared.rigelfile.vars,
         providers=connected or {},
-        grace=GRACE,
         applied=applied or threading.Event(),
     )
     with importable(prepared.settings.rigelfile.parent):
-        return run_steps(prepared.steps, context, declared, data=data, scope=scope)
+        run_steps(prepared.steps, context, prepared.values, declared, scope=scope)
+    return context.data
 
 
-def warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
+def warn_and_run(prepared: Prepared, report: JobReporter) -> Mapping[str, Any]:
     """Report the warnings, then run what was prepared; raises as run."""
     for warning in prepared.warnings:
         report.warn(warning)

@@ -16,8 +16,8 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import ClusterError, Interrupted, ProblemsError, RigelK8sError, RolloutFailed
-from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.runner import Prepared
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.kube.failures import Forbidden, Missing
 from rigel_muto.agent.allowance import Allowance
 from rigel_muto.agent.commands import (

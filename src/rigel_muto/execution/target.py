@@ -16,10 +16,10 @@ from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import Jobs, read_jobs, spec_keys
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import runner
-from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.steps import list_jobs
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId

@@ -21,8 +21,8 @@ from rigel_k8s.commands.testing.repeating import draw_namespaces, repeat_tests, 
 from rigel_k8s.commands.testing.results import Result
 from rigel_k8s.commands.testing.run import Trial
 from rigel_k8s.errors import Interrupted, JobFailed, UserError
-from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.runner import Prepared
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings

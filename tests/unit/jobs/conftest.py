@@ -9,9 +9,10 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs import engine
 from rigel_k8s.jobs.job import JobContext, JobOptions
-from rigel_k8s.jobs.steps import Branches, Job
+from rigel_k8s.jobs.steps import Branches, Job, Jobs
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.model import ComponentSpec
 from rigel_k8s.rigelfile.source import Span, YamlNode
@@ -57,17 +58,42 @@ def told() -> Recorder:
     return Recorder()
 
 
+class Reader:
+    """A job's options are the data that it sees, and a matrix is what it is."""
+
+    def realise(self, job: Job, data: Mapping[str, Any]) -> JobOptions:
+        return JobOptions(dict(data), {})
+
+    def matrix(self, step: Branches, data: Mapping[str, Any]) -> Mapping[str, list[Any]]:
+        return step.matrix.value if step.matrix else {}
+
+
+@attrs.frozen
+class Around:
+    """What a run needs beside its steps."""
+
+    report: Any
+    settings: Settings = attrs.field(factory=Settings)
+    grace: float = 20
+
+
 @pytest.fixture
-def around(told: Recorder) -> RunContext:
-    """Surroundings where a job's options are the data it sees, and a matrix is what it is."""
-    return RunContext(
-        application=Application("noetic"),
-        settings=Settings(),
-        report=told,
-        realise=lambda job, data: JobOptions(dict(data), {}),
-        matrix=lambda step, data: step.matrix.value if step.matrix else {},
-        grace=20,
-    )
+def around(told: Recorder) -> Around:
+    return Around(told)
+
+
+def run_steps(
+    steps: Jobs,
+    around: Around,
+    declared: Sequence[engine.Declared] = (),
+    *,
+    scope: CancelScope | None = None,
+) -> dict[str, Any]:
+    """Run steps, and return the data that the jobs stored."""
+    data: dict[str, Any] = {}
+    context = JobContext("", Application("noetic"), around.report, around.settings, data=data)
+    engine.run_steps(steps, context, Reader(), declared, scope=scope, grace=around.grace)
+    return data
 
 
 class Meeting:

@@ -8,14 +8,12 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError
-from rigel_k8s.jobs.branches import CancelScope
-from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.steps import Jobs
+from rigel_k8s.jobs.stopping import CancelScope
 from tests.support.recorder import Recorder
 
-from .conftest import Meeting, Work, make_branches, make_job
+from .conftest import Around, Meeting, Work, make_branches, make_job, run_steps
 
 ROBOTS = [f"r{number}" for number in range(1, 8)]
 
@@ -38,7 +36,7 @@ def failing(*robots: str) -> tuple[Work, list[str]]:
     return work, begun
 
 
-def test_a_wave_begins_when_the_one_before_has_ended(around: RunContext, told: Recorder) -> None:
+def test_a_wave_begins_when_the_one_before_has_ended(around: Around, told: Recorder) -> None:
     """Three at once, never four, and none of the next while one of these still works."""
     waves = [Meeting(3), Meeting(3), Meeting(1)]
     running: list[int] = []
@@ -60,7 +58,7 @@ def test_a_wave_begins_when_the_one_before_has_ended(around: RunContext, told: R
     ]
 
 
-def test_limits_are_no_part_of_a_combination(around: RunContext) -> None:
+def test_limits_are_no_part_of_a_combination(around: Around) -> None:
     """Neither a branch's name nor its data has them."""
     seen: list[dict[str, object]] = []
     run_steps(fleet(lambda job: seen.append(dict(job.data)), max_parallel=4), around)
@@ -68,7 +66,7 @@ def test_limits_are_no_part_of_a_combination(around: RunContext) -> None:
 
 
 def test_a_failure_stops_no_robot_of_its_wave_and_the_next_wave_does_not_begin(
-    around: RunContext,
+    around: Around,
 ) -> None:
     """A robot that is half updated because of another one would be worse than both."""
     meet, ended, threads = Meeting(3), [], list[threading.Thread]()
@@ -98,7 +96,7 @@ def test_a_failure_stops_no_robot_of_its_wave_and_the_next_wave_does_not_begin(
 
 
 @pytest.mark.parametrize(("limit", "begun"), [(1, 2), (2, 4), (3, 7)])
-def test_as_many_robots_may_fail_as_is_said(around: RunContext, limit: int, begun: int) -> None:
+def test_as_many_robots_may_fail_as_is_said(around: Around, limit: int, begun: int) -> None:
     """r2 and r3 fail, in two waves of two; the third wave begins where three may fail."""
     work, seen = failing("r2", "r3")
     with pytest.raises(JobFailed):
@@ -106,7 +104,7 @@ def test_as_many_robots_may_fail_as_is_said(around: RunContext, limit: int, begu
     assert len(seen) == begun
 
 
-def test_without_max_parallel_all_are_one_wave(around: RunContext) -> None:
+def test_without_max_parallel_all_are_one_wave(around: Around) -> None:
     """`stop_after_failures` alone lets the others go on."""
     work, seen = failing("r1")
     with pytest.raises(JobFailed, match="1 of 7 branches failed"):
@@ -114,7 +112,7 @@ def test_without_max_parallel_all_are_one_wave(around: RunContext) -> None:
     assert sorted(seen) == ROBOTS
 
 
-def test_what_comes_after_a_fleet_that_failed_does_not_run(around: RunContext) -> None:
+def test_what_comes_after_a_fleet_that_failed_does_not_run(around: Around) -> None:
     work, _ = failing("r7")
     later: list[int] = []
     steps = Jobs((*fleet(work, max_parallel=3).steps, make_job("later", lambda _: later.append(1))))
@@ -124,7 +122,7 @@ def test_what_comes_after_a_fleet_that_failed_does_not_run(around: RunContext) -
 
 
 def test_an_interruption_says_what_is_done_stopped_and_not_begun(
-    around: RunContext, told: Recorder
+    around: Around, told: Recorder
 ) -> None:
     """Of a wave that is stopped, a robot that was done before is done."""
     scope, meet, threads = CancelScope(), Meeting(2), list[threading.Thread]()
@@ -149,7 +147,7 @@ def test_an_interruption_says_what_is_done_stopped_and_not_begun(
     ]
 
 
-def test_an_interruption_between_two_waves_begins_nothing(around: RunContext) -> None:
+def test_an_interruption_between_two_waves_begins_nothing(around: Around) -> None:
     """The first wave is done, the second one does not begin, and no job was stopped."""
     scope, meet = CancelScope(), Meeting(2)
 

@@ -16,11 +16,11 @@ from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.testing.results import RUN, Result, State, remove_results, write_results
 from rigel_k8s.commands.testing.run import Trial, run_tests
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import Exclusive, JobReporter
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.steps import list_jobs
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.network.plan import domain
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import render

@@ -20,9 +20,9 @@ from rigel_k8s.commands.testing.release import ReleaseTests
 from rigel_k8s.commands.testing.results import RUN, Result, remove_results, write_results
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs import runner
-from rigel_k8s.jobs.branches import CancelScope
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.steps import list_jobs
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.refs import ObjectRef

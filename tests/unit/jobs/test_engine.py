@@ -9,15 +9,13 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs.branches import CancelScope
-from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.steps import Jobs, Serving
+from rigel_k8s.jobs.stopping import CancelScope
 from rigel_k8s.settings import Settings
 from tests.support.recorder import Recorder
 
-from .conftest import Meeting, make_branches, make_job
+from .conftest import Around, Meeting, make_branches, make_job, run_steps
 
 
 def until_cancelled(job: JobContext) -> None:
@@ -28,7 +26,7 @@ def broken(job: JobContext) -> None:
     raise RigelK8sError("the registry is full", hint="make room", details=["0 bytes left"])
 
 
-def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: RunContext) -> None:
+def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: Around) -> None:
     """A job stores, the next one reads, and the whole is returned."""
 
     def first(job: JobContext) -> None:
@@ -41,9 +39,7 @@ def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: RunContext) 
     assert data == {"image": "talker@sha256:1", "deployed": "talker@sha256:1"}
 
 
-def test_branches_run_side_by_side_each_with_its_own_data(
-    around: RunContext, told: Recorder
-) -> None:
+def test_branches_run_side_by_side_each_with_its_own_data(around: Around, told: Recorder) -> None:
     """One branch per combination, all at once; none sees another's data, the trunk sees none."""
     meet, seen, lock = Meeting(4), [], threading.Lock()
 
@@ -74,7 +70,7 @@ def test_branches_run_side_by_side_each_with_its_own_data(
 
 
 def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(
-    around: RunContext, told: Recorder
+    around: Around, told: Recorder
 ) -> None:
     """The other branch is cancelled, no later stage runs, the error names job and branch.
 
@@ -103,7 +99,7 @@ def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(
     assert ("/robot=r1", "progress", "deploy: stopped") in told.entries
 
 
-def test_an_error_of_the_user_keeps_exit_code_two(around: RunContext) -> None:
+def test_an_error_of_the_user_keeps_exit_code_two(around: Around) -> None:
     """A UserError inside a job still says that the user wrote it."""
 
     def work(job: JobContext) -> None:
@@ -116,7 +112,7 @@ def test_an_error_of_the_user_keeps_exit_code_two(around: RunContext) -> None:
 
 @pytest.mark.parametrize("error", [ValueError("odd"), SystemExit(3), KeyboardInterrupt()])
 def test_a_bug_in_a_job_is_a_failure_with_its_traceback(
-    around: RunContext, error: BaseException
+    around: Around, error: BaseException
 ) -> None:
     """Whatever a job raises stops the sequence and is kept; exit() in a job ends no program."""
 
@@ -129,7 +125,7 @@ def test_a_bug_in_a_job_is_a_failure_with_its_traceback(
     assert any("in work" in line for line in caught.value.details)
 
 
-def test_dependencies_serve_until_the_jobs_have_ended(around: RunContext) -> None:
+def test_dependencies_serve_until_the_jobs_have_ended(around: Around) -> None:
     """A dependency is ready before the first job, runs beside it, and is stopped after the last."""
     events: list[str] = []
 
@@ -145,7 +141,7 @@ def test_dependencies_serve_until_the_jobs_have_ended(around: RunContext) -> Non
     assert events == ["serves", "one", "two", "stopped"]
 
 
-def test_a_dependency_that_returns_is_ready(around: RunContext) -> None:
+def test_a_dependency_that_returns_is_ready(around: Around) -> None:
     """Work that lasts by itself (a deploy) needs no thread: the jobs start when it has returned."""
     events: list[str] = []
     dependency = make_job("deploy", lambda job: events.append("deployed"))
@@ -155,7 +151,7 @@ def test_a_dependency_that_returns_is_ready(around: RunContext) -> None:
 
 
 def test_a_dependency_that_fails_before_it_is_ready_keeps_the_jobs_from_running(
-    around: RunContext,
+    around: Around,
 ) -> None:
     """Nothing runs on a dependency that is not there."""
     ran: list[int] = []
@@ -167,7 +163,7 @@ def test_a_dependency_that_fails_before_it_is_ready_keeps_the_jobs_from_running(
     assert ran == []
 
 
-def test_a_dependency_that_fails_later_stops_the_jobs(around: RunContext) -> None:
+def test_a_dependency_that_fails_later_stops_the_jobs(around: Around) -> None:
     """The job is cancelled although it did nothing wrong, and the dependency is named."""
     started = threading.Event()
 
@@ -185,7 +181,7 @@ def test_a_dependency_that_fails_later_stops_the_jobs(around: RunContext) -> Non
         run_steps(Jobs((step,)), around)
 
 
-def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: RunContext) -> None:
+def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: Around) -> None:
     """What a dependency could not clean up is no success."""
 
     def serve(job: JobContext) -> None:
@@ -198,7 +194,7 @@ def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: RunCo
         run_steps(Jobs((step,)), around)
 
 
-def test_a_job_that_fails_stops_its_dependencies(around: RunContext, told: Recorder) -> None:
+def test_a_job_that_fails_stops_its_dependencies(around: Around, told: Recorder) -> None:
     """The dependency ends before the error is raised; its Interrupted is no failure of its own."""
     ended: list[int] = []
 
@@ -215,7 +211,7 @@ def test_a_job_that_fails_stops_its_dependencies(around: RunContext, told: Recor
     assert told.of("warn") == []
 
 
-def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: RunContext) -> None:
+def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: Around) -> None:
     """The wait for `ready` is bounded by --timeout, and the hint says what sets it."""
     step = Serving((make_job("master", until_cancelled),), Jobs(()))
     around = attrs.evolve(around, settings=Settings(timeout=0.05))
@@ -226,7 +222,7 @@ def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: RunCont
     assert "job.ready" in str(caught.value.hint)
 
 
-def test_a_dependency_that_does_not_stop_is_told(around: RunContext) -> None:
+def test_a_dependency_that_does_not_stop_is_told(around: Around) -> None:
     """A dependency that ignores `cancel` fails the sequence instead of hanging it."""
     release = threading.Event()
 
@@ -240,7 +236,7 @@ def test_a_dependency_that_does_not_stop_is_told(around: RunContext) -> None:
     release.set()
 
 
-def test_a_job_that_gives_up_by_itself_is_a_failure(around: RunContext) -> None:
+def test_a_job_that_gives_up_by_itself_is_a_failure(around: Around) -> None:
     """Interrupted, raised by a job that nobody stopped, is no silent success."""
 
     def work(job: JobContext) -> None:
@@ -264,9 +260,7 @@ def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:
     assert calls == [1, 2]
 
 
-def test_what_goes_wrong_after_the_first_failure_is_told(
-    around: RunContext, told: Recorder
-) -> None:
+def test_what_goes_wrong_after_the_first_failure_is_told(around: Around, told: Recorder) -> None:
     """The first failure is raised; one of a job that was being stopped is a warning."""
     meet = Meeting(2)
 
@@ -284,7 +278,7 @@ def test_what_goes_wrong_after_the_first_failure_is_told(
     assert told.of("warn") == [warned]
 
 
-def test_an_empty_matrix_runs_nothing_and_says_so(around: RunContext, told: Recorder) -> None:
+def test_an_empty_matrix_runs_nothing_and_says_so(around: Around, told: Recorder) -> None:
     """No combination, no branch; the user is told, since it may not be meant."""
     ran: list[int] = []
     body = Jobs((make_job("build", lambda job: ran.append(1)),))
@@ -293,7 +287,7 @@ def test_an_empty_matrix_runs_nothing_and_says_so(around: RunContext, told: Reco
     assert told.of("warn") == ["the matrix has no combinations: its stages do not run"]
 
 
-def test_branches_inside_branches_name_both_combinations(around: RunContext) -> None:
+def test_branches_inside_branches_name_both_combinations(around: Around) -> None:
     """A sequence's own matrix around a stage's: the error names the whole branch."""
 
     def work(job: JobContext) -> None:
@@ -305,7 +299,7 @@ def test_branches_inside_branches_name_both_combinations(around: RunContext) -> 
         run_steps(Jobs((make_branches({"site": ["a", "b"]}, Jobs((inner,))),)), around)
 
 
-def test_two_running_jobs_with_one_key_are_refused(around: RunContext) -> None:
+def test_two_running_jobs_with_one_key_are_refused(around: Around) -> None:
     """What only the data tells (a release's name) is refused when the second job starts."""
     meet = Meeting(2)
     arrived: list[Any] = []
@@ -325,7 +319,7 @@ def test_two_running_jobs_with_one_key_are_refused(around: RunContext) -> None:
     assert len(arrived) == 1
 
 
-def test_a_key_is_free_again_when_its_job_has_ended(around: RunContext) -> None:
+def test_a_key_is_free_again_when_its_job_has_ended(around: Around) -> None:
     """src.plugin's deploy and update are two jobs on one release, one after the other."""
     jobs = [make_job(n, lambda job: None, alone=lambda o: "demo") for n in ("deploy", "update")]
     run_steps(Jobs(tuple(jobs)), around)

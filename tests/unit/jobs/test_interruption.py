@@ -17,16 +17,15 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs import live
-from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs import engine
+from rigel_k8s.jobs.engine import Declared
 from rigel_k8s.jobs.job import JobContext, JobReporter
-from rigel_k8s.jobs.live import Declared, run_steps
 from rigel_k8s.jobs.steps import Jobs
 from rigel_k8s.settings import Application
 from tests.support.recorder import Recorder
 from tests.support.until import until
 
-from .conftest import make_branches, make_job
+from .conftest import Around, make_branches, make_job, run_steps
 
 
 @attrs.define
@@ -57,7 +56,7 @@ def declare(name: str, provider: NotingProvider) -> Declared:
     return Declared(name, provider, {})
 
 
-def test_providers_are_connected_before_and_disconnected_after(around: RunContext) -> None:
+def test_providers_are_connected_before_and_disconnected_after(around: Around) -> None:
     """Jobs get the connections by name; the last connected is the first disconnected."""
     events: list[str] = []
 
@@ -76,7 +75,7 @@ def test_providers_are_connected_before_and_disconnected_after(around: RunContex
 
 
 def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
-    around: RunContext,
+    around: Around,
 ) -> None:
     """No job runs; the error keeps whose fault it is."""
     events: list[str] = []
@@ -88,7 +87,7 @@ def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
     assert events == ["connect good", "connect bad", "disconnect connection of good"]
 
 
-def test_a_provider_that_does_not_disconnect_is_told(around: RunContext, told: Recorder) -> None:
+def test_a_provider_that_does_not_disconnect_is_told(around: Around, told: Recorder) -> None:
     """What was done stays done; the rest is disconnected all the same."""
     events: list[str] = []
     sulky = declare("sulky", NotingProvider(events, sulks=True))
@@ -101,7 +100,7 @@ def test_a_provider_that_does_not_disconnect_is_told(around: RunContext, told: R
     assert events[-1] == "disconnect connection of good"
 
 
-def test_a_job_that_ignores_cancel_is_left_and_told(around: RunContext, told: Recorder) -> None:
+def test_a_job_that_ignores_cancel_is_left_and_told(around: Around, told: Recorder) -> None:
     """After a failure the others are waited for, for the grace and no longer."""
     release, meet = threading.Event(), threading.Barrier(2)
 
@@ -124,14 +123,9 @@ Start: TypeAlias = Callable[..., "subprocess.Popen[str]"]
 PROGRAM = """
 import sys, threading
 from rigel_k8s.errors import Interrupted
-from rigel_k8s.jobs import live
-from rigel_k8s.jobs.execution import RunContext
-from rigel_k8s.jobs.job import JobOptions
-from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.live import Declared
+from rigel_k8s.jobs.engine import Declared
 from rigel_k8s.jobs.steps import Jobs
-from rigel_k8s.settings import Application, Settings
-from tests.unit.jobs.conftest import make_job
+from tests.unit.jobs.conftest import Around, make_job, run_steps
 
 def say(text):
     print(text, flush=True)
@@ -157,8 +151,7 @@ def deaf(job):
     say("running")
     threading.Event().wait()
 
-around = RunContext(Application("noetic"), Settings(), Report(), lambda j, d: JobOptions({}, {}),
-                      lambda s, d: {}, grace=float(sys.argv[2]))
+around = Around(Report(), grace=float(sys.argv[2]))
 job = make_job("work", {"listens": listens, "deaf": deaf}[sys.argv[1]])
 try:
     run_steps(Jobs((job,)), around, [Declared("robot", Provider(), {})])
@@ -193,7 +186,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             process.kill()
 
 
-def test_the_programs_own_way_with_signals_comes_back(around: RunContext) -> None:
+def test_the_programs_own_way_with_signals_comes_back(around: Around) -> None:
     """What embeds us ends by Ctrl-C again once the run is over."""
     usual = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     during: list[Any] = []
@@ -207,7 +200,7 @@ def test_the_programs_own_way_with_signals_comes_back(around: RunContext) -> Non
 
 
 def test_no_signal_has_to_wait_for_the_jobs_end(
-    around: RunContext, monkeypatch: pytest.MonkeyPatch
+    around: Around, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that comes just before Python falls asleep is heard when it wakes up: soon."""
     waits: list[float | None] = []
@@ -217,7 +210,7 @@ def test_no_signal_has_to_wait_for_the_jobs_end(
             waits.append(timeout)
             return super().get(block, timeout)
 
-    monkeypatch.setattr(live, "LOOK", 0.01)
+    monkeypatch.setattr(engine, "LOOK", 0.01)
     monkeypatch.setattr(queue, "SimpleQueue", Queue)
     run_steps(Jobs((make_job("j", lambda job: until(lambda: len(waits) > 2, "waits")),)), around)
     assert len(waits) > 2

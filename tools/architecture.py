@@ -26,7 +26,6 @@ PICTURE = ROOT / "docs" / "architecture.svg"
 #: A short description of each package.
 WORDS = {
     "cli": "arguments, printing",
-    "ui": "a live page in the browser",
     "commands": "what a command does",
     "compat": "Rigel 0.3",
     "jobs": "runner and job types",
@@ -36,6 +35,7 @@ WORDS = {
     "observability": "logs, metrics, boards",
     "network": "modes, Multus, preflight",
     "rigel_import": "launch and Compose files",
+    "rigel_ui": "a live page in the browser",
     "rigel_muto": "stacks of Eclipse Muto",
     "rigel_lab": "local cluster, base images",
     "images": "builds, registries",

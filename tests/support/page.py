@@ -12,13 +12,13 @@ from typing import Any
 import attrs
 
 from rigel_k8s.commands.logs.lines import LogLine
-from rigel_k8s.ui.boxes import describe
-from rigel_k8s.ui.feed import Changes, Feed, Rollback
-from rigel_k8s.ui.logs import LogHub, Read
-from rigel_k8s.ui.nodes import STATES
-from rigel_k8s.ui.readings import Read as ReadOnce
-from rigel_k8s.ui.readings import Readings
-from rigel_k8s.ui.server import PageServer
+from rigel_ui.boxes import describe
+from rigel_ui.feed import Changes, Feed, Rollback
+from rigel_ui.logs import LogHub, Read
+from rigel_ui.nodes import STATES
+from rigel_ui.readings import Read as ReadOnce
+from rigel_ui.readings import Readings
+from rigel_ui.server import PageServer
 
 TOKEN = "a-token-of-the-tests"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.cli.main import COMMANDS
+from rigel_k8s.cli.main import list_all_commands
 
 pytestmark = pytest.mark.programs
 
@@ -75,7 +75,7 @@ def test_each_demo_ends_with_what_to_look_at(demo: Path) -> None:
     """The page and the graph among it; all are commands that exist."""
     named = re.findall(r"^  rigel (\w+)", demo.read_text().partition("next_steps")[2], re.MULTILINE)
     assert {"ui", "graph", "logs", "history", "down"} <= {*named}
-    assert {*named} <= COMMANDS.keys()
+    assert {*named} <= list_all_commands().keys()
 
 
 def test_the_longest_gap_is_printed_with_what_is_normal() -> None:

@@ -38,10 +38,10 @@ DATA = (
     "rigel_k8s/network/multus/crds/k8s.cni.cncf.io_network-attachment-definitions.yaml",
     "rigel_k8s/network/multus/machine.sh",
     "rigel_k8s/network/interface.sh",
-    "rigel_k8s/ui/page/index.html",
-    "rigel_k8s/ui/page/app.js",
-    "rigel_k8s/ui/page/lib/viz.js",
-    "rigel_k8s/ui/page/lib/NOTICE",
+    "rigel_ui/page/index.html",
+    "rigel_ui/page/app.js",
+    "rigel_ui/page/lib/viz.js",
+    "rigel_ui/page/lib/NOTICE",
     "rigel_k8s/py.typed",
 )
 READS = """

@@ -41,7 +41,6 @@ COMMANDS = {
     "graph": ("rosgraph", "Show the ROS graph: nodes by machine, topics, what is wrong."),
     "expect": ("expect", "Compare topics with what the Rigelfile expects; learn it."),
     "logs": ("pods", "Print the logs of ROS nodes."),
-    "ui": ("ui", "Show a release live in the browser."),
     "topic": ("topics", "List ROS topics, print their messages, measure their rates."),
     "param": ("params", "List, get and set the parameters of a ROS node."),
     "top": ("top", "Show CPU, memory and traffic of ROS nodes, and topics."),
@@ -66,11 +65,15 @@ COMMANDS = {
 
 
 def list_all_commands() -> dict[str, tuple[str, str]]:
-    """Return the table with the rows that other packages add."""
+    """Return the table with the rows that other packages add, each after the one that it names."""
     from rigel_k8s.installed import find, list_names
 
-    added = sorted(list_names("rigel_k8s.commands") - COMMANDS.keys())
-    return COMMANDS | {name: find("rigel_k8s.commands", name) for name in added}
+    rows = list(COMMANDS.items())
+    for name in sorted(list_names("rigel_k8s.commands") - COMMANDS.keys()):
+        module, text, *follows = find("rigel_k8s.commands", name)
+        before = [number for number, row in enumerate(rows, 1) if row[0] in follows]
+        rows.insert(before[0] if before else len(rows), (name, (module, text)))
+    return dict(rows)
 
 
 #: What other tools call a command.

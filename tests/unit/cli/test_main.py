@@ -39,13 +39,20 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.stderr.strip() == "[]"
 
 
-@pytest.mark.parametrize("name", main.COMMANDS)
+@pytest.mark.parametrize("name", main.list_all_commands())
 def test_every_command_of_the_table_is_there_and_helps(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The table of help names commands that exist, and each has a help of its own."""
     assert main.run([name, "--help"], "rigel") == 0
     assert "Usage: rigel" in capsys.readouterr().out
+
+
+def test_what_a_package_adds_is_where_it_says() -> None:
+    """After the command that it names, else at the end."""
+    names = list(main.list_all_commands())
+    assert names[names.index("logs") + 1] == "ui"
+    assert names[-2:] == ["import", "muto"]
 
 
 def test_an_unknown_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,8 +78,8 @@ def test_a_word_of_another_tool_names_the_command(
 
 def test_every_other_word_leads_to_a_command() -> None:
     """And none of them is a command itself."""
-    assert {word.split()[0] for word in main.OTHER_WORDS.values()} <= set(main.COMMANDS)
-    assert not set(main.OTHER_WORDS) & set(main.COMMANDS)
+    assert {word.split()[0] for word in main.OTHER_WORDS.values()} <= set(main.list_all_commands())
+    assert not set(main.OTHER_WORDS) & set(main.list_all_commands())
 
 
 def test_a_usage_error_looks_like_the_others(capsys: pytest.CaptureFixture[str]) -> None:

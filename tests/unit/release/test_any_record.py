@@ -34,7 +34,7 @@ from rigel_k8s.release.rollback import find_unfinished
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
-from rigel_k8s.ui.nodes import node_entry
+from rigel_ui.nodes import node_entry
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, workload

@@ -7,7 +7,7 @@ from typing import Any
 from rigel_k8s.rosgraph.drawing import make_picture
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
-from rigel_k8s.ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
+from rigel_ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from tests.support.page import node
 
 TALKER = GraphNode("/talker", "robot", "talker-1", "talker")

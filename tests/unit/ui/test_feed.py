@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from rigel_k8s.ui.feed import BEHIND, Feed, Page
+from rigel_ui.feed import BEHIND, Feed, Page
 
 
 def drain(page: Page) -> list[Any]:
@@ -49,9 +49,7 @@ def test_pages_share_one_text(monkeypatch: Any) -> None:
     """A change is written once, however many pages are open."""
     feed, written = Feed(), []
     real = json.dumps
-    monkeypatch.setattr(
-        "rigel_k8s.ui.feed.json.dumps", lambda data: written.append(data) or real(data)
-    )
+    monkeypatch.setattr("rigel_ui.feed.json.dumps", lambda data: written.append(data) or real(data))
     pages = [feed.subscribe() for _ in range(10)]
     written.clear()
     feed.publish("release", {"release": 1})

@@ -19,9 +19,9 @@ from rigel_k8s.release import locking as lease
 from rigel_k8s.release.locking import DURATION, lease_ref
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-from rigel_k8s.ui import live as module
-from rigel_k8s.ui.feed import Feed
-from rigel_k8s.ui.live import Live
+from rigel_ui import live as module
+from rigel_ui.feed import Feed
+from rigel_ui.live import Live
 from tests.support.clock import Leap
 from tests.support.controllers import crash_status, running
 from tests.support.fake_cluster import FakeCluster
@@ -75,8 +75,8 @@ class Scene:
 
 @pytest.fixture
 def scene(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
-    monkeypatch.setattr("rigel_k8s.ui.graphs.CALM", 0.05)
-    monkeypatch.setattr("rigel_k8s.ui.live.HEARTBEAT", 0.05)
+    monkeypatch.setattr("rigel_ui.graphs.CALM", 0.05)
+    monkeypatch.setattr("rigel_ui.live.HEARTBEAT", 0.05)
     made = Scene(fake)
     yield made
     if made.live:
@@ -101,7 +101,7 @@ def test_a_crash_is_shown_with_its_cause_and_that_it_is_over(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays for some seconds although the node is ready again at once."""
-    monkeypatch.setattr("rigel_k8s.ui.overview.STEADY", 1.0)
+    monkeypatch.setattr("rigel_ui.overview.STEADY", 1.0)
     monkeypatch.setattr("rigel_k8s.release.rollout.standing.STEADY", 1.0)
     scene.deploy(workload())
     scene.start()

@@ -13,8 +13,8 @@ import pytest
 
 from rigel_k8s.commands.logs.lines import LogLine
 from rigel_k8s.errors import UserError
-from rigel_k8s.ui.feed import Page
-from rigel_k8s.ui.logs import KEPT, MOST, LogHub
+from rigel_ui.feed import Page
+from rigel_ui.logs import KEPT, MOST, LogHub
 from tests.support.until import until
 
 
@@ -124,7 +124,7 @@ def test_a_log_that_cannot_be_read_is_tried_again(
     source: Source, hub: LogHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reason is told once; what was shown before comes again, not twice."""
-    monkeypatch.setattr("rigel_k8s.ui.logs.PAUSE", 0.01)
+    monkeypatch.setattr("rigel_ui.logs.PAUSE", 0.01)
     page = Reader()
     hub.follow("talker", page)
     source.lines.put(UserError("no pod of talker"))

@@ -12,7 +12,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.rollout.view import look_around
 from rigel_k8s.release.status import ReleaseStatus, describe_workload
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.ui.nodes import node_entry, release_entry
+from rigel_ui.nodes import node_entry, release_entry
 
 T0, T1, T2 = (f"2026-01-01T00:00:0{second}Z" for second in range(3))
 RUNS = {"name": "node", "ready": False, "restartCount": 0, "state": {"running": {"startedAt": T1}}}

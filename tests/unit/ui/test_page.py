@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.commands.logs.lines import LogLine
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.release.types import Revision
-from rigel_k8s.ui.nodes import STATES
+from rigel_ui.nodes import STATES
 from tests.support.axe import find_violations
 from tests.support.browser import Browser, Tab, find_program, run_browser
 from tests.support.manifests import RELEASE

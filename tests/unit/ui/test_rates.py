@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
-from rigel_k8s.ui.feed import Entries
-from rigel_k8s.ui.graphs import KEPT, MOST, add_rates
+from rigel_ui.feed import Entries
+from rigel_ui.graphs import KEPT, MOST, add_rates
 
 GRAPH = RosGraph(
     topics=(

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands.ros.params import Parameters
-from rigel_k8s.ui import readings
-from rigel_k8s.ui.readings import Readings, list_kinds
+from rigel_ui import readings
+from rigel_ui.readings import Readings, list_kinds
 
 
 def test_a_message_is_that_of_echo(monkeypatch: pytest.MonkeyPatch) -> None:

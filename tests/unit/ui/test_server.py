@@ -15,12 +15,12 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.release.types import Revision
-from rigel_k8s.ui.readings import MOST
+from rigel_ui.readings import MOST
 from tests.support.manifests import RELEASE
 from tests.support.page import TOKEN, Served, fill, node, serve_page
 from tests.support.until import until
 
-PAGE = Path(__file__).parents[3] / "src" / "rigel_k8s" / "ui" / "page"
+PAGE = Path(__file__).parents[3] / "src" / "rigel_ui" / "page"
 JSON = "application/json"
 
 
@@ -108,7 +108,7 @@ def test_the_token_is_compared_in_constant_time(
         compared.append({one, other})
         return real(one, other)
 
-    monkeypatch.setattr("rigel_k8s.ui.server.hmac.compare_digest", compare)
+    monkeypatch.setattr("rigel_ui.server.hmac.compare_digest", compare)
     assert served.ask("/guess/").status == 403
     assert compared == [{b"guess", TOKEN.encode()}]
 
@@ -123,7 +123,7 @@ def test_a_ticket_opens_the_page_once(served: Served) -> None:
 
 def test_a_ticket_that_is_late_is_refused(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """The browser has a minute."""
-    monkeypatch.setattr("rigel_k8s.ui.server.TICKET", -1.0)
+    monkeypatch.setattr("rigel_ui.server.TICKET", -1.0)
     assert served.ask(f"/open/{served.tickets.issue()}").status == 403
 
 
@@ -398,14 +398,14 @@ def test_a_page_that_has_gone_is_forgotten(served: Served) -> None:
 
 def test_pages_that_never_read_are_dropped(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """The feed does not wait for them, and others are served meanwhile."""
-    monkeypatch.setattr("rigel_k8s.ui.server.Handler.timeout", 0.5)
+    monkeypatch.setattr("rigel_ui.server.Handler.timeout", 0.5)
     pages = []
     for _ in range(20):
         one = socket.create_connection(("127.0.0.1", served.port), timeout=20)
         one.sendall(f"GET /{TOKEN}/live HTTP/1.1\r\nHost: {served.host}\r\n\r\n".encode())
         pages.append(one)
     until(lambda: len(served.feed._pages) == 20, "the pages")
-    monkeypatch.setattr("rigel_k8s.ui.server.Handler.timeout", 60)  # of the one that reads
+    monkeypatch.setattr("rigel_ui.server.Handler.timeout", 60)  # of the one that reads
     for number in range(200):
         served.feed.publish("graph", {"graph": {"message": "x" * 100_000, "read": number}})
     assert served.ask().status == 200
@@ -416,7 +416,7 @@ def test_pages_that_never_read_are_dropped(served: Served, monkeypatch: pytest.M
 
 def test_half_a_request_does_not_stay(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever connects and sends nothing more loses the connection, and keeps no one else out."""
-    monkeypatch.setattr("rigel_k8s.ui.server.Handler.timeout", 1.0)
+    monkeypatch.setattr("rigel_ui.server.Handler.timeout", 1.0)
     waiting = []
     for _ in range(100):
         one = socket.create_connection(("127.0.0.1", served.port), timeout=60)

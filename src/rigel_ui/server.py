@@ -33,9 +33,9 @@ from urllib.parse import parse_qs, urlsplit
 
 import attrs
 
-from rigel_k8s.ui.feed import Changes, Feed
-from rigel_k8s.ui.logs import LogHub
-from rigel_k8s.ui.readings import Readings
+from rigel_ui.feed import Changes, Feed
+from rigel_ui.logs import LogHub
+from rigel_ui.readings import Readings
 
 ADDRESS = "127.0.0.1"
 FILES = Path(__file__).parent / "page"

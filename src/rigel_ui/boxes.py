@@ -12,8 +12,8 @@ from typing import Any
 
 from rigel_k8s.rosgraph.drawing import NOWHERE, Picture, make_picture, write_dot
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-from rigel_k8s.ui.feed import Entries
-from rigel_k8s.ui.nodes import DONE, is_well
+from rigel_ui.feed import Entries
+from rigel_ui.nodes import DONE, is_well
 
 #: What has room in each box and topic: the words of a state, and any rate.
 WORDS, RATE = "machine unreachable", 9999.0

@@ -28,8 +28,8 @@ from rigel_k8s.release.status import (
     list_owned,
 )
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.ui.feed import Entries
-from rigel_k8s.ui.nodes import node_entry, release_entry
+from rigel_ui.feed import Entries
+from rigel_ui.nodes import node_entry, release_entry
 
 SECRET: Kind = ("v1", "Secret")
 LEASE: Kind = ("coordination.k8s.io/v1", "Lease")

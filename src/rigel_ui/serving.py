@@ -19,11 +19,11 @@ from rigel_k8s.kube import connect
 from rigel_k8s.release.types import Revision
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
-from rigel_k8s.ui.feed import Changes, Feed, Rollback
-from rigel_k8s.ui.live import Live
-from rigel_k8s.ui.logs import LogHub, read_log
-from rigel_k8s.ui.readings import Readings, list_kinds
-from rigel_k8s.ui.server import ADDRESS, PageServer
+from rigel_ui.feed import Changes, Feed, Rollback
+from rigel_ui.live import Live
+from rigel_ui.logs import LogHub, read_log
+from rigel_ui.readings import Readings, list_kinds
+from rigel_ui.server import ADDRESS, PageServer
 
 
 def serve(

@@ -47,7 +47,7 @@ def ui(
     The page shows the ROS graph, each node's state and cause, logs, the roll-out and the
     revisions. It is served on this machine only; its address contains a secret token.
     """
-    from rigel_k8s.ui.serving import serve
+    from rigel_ui.serving import serve
 
     serve(
         settings(ctx, timeout=timeout),

@@ -13,8 +13,8 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.rosgraph.types import RosGraph
-from rigel_k8s.ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
-from rigel_k8s.ui.feed import Entries, Feed
+from rigel_ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
+from rigel_ui.feed import Entries, Feed
 
 CALM = 1.5  # seconds after a change of pods before the graph is read
 AGE = 30.0  # seconds after which it is read again while a page is open

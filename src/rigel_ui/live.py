@@ -19,9 +19,9 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.release.rollout.view import POD, ReleaseView
-from rigel_k8s.ui.feed import Feed
-from rigel_k8s.ui.graphs import GraphReader, write_now
-from rigel_k8s.ui.overview import OPTIONAL, Overview
+from rigel_ui.feed import Feed
+from rigel_ui.graphs import GraphReader, write_now
+from rigel_ui.overview import OPTIONAL, Overview
 
 HEARTBEAT = 3.0  # seconds between two requests whether the cluster answers
 LATE = 10.0  # seconds without an answer after which the cluster counts as unreachable

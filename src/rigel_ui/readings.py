@@ -13,8 +13,8 @@ from rigel_k8s.commands.ros.params import read_parameters
 from rigel_k8s.commands.ros.topics import SHORT, follow
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
-from rigel_k8s.ui.graphs import write_now
 from rigel_k8s.yaml_text import write_value
+from rigel_ui.graphs import write_now
 
 WITHIN = 20.0  # seconds in which a message must come
 MOST = 4  # readings at a time: of a browser's six connections a page's stream needs one

@@ -12,7 +12,7 @@ from rigel_k8s.commands.logs.history import history
 from rigel_k8s.commands.logs.lines import LogLine, LogOptions, stamp
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.ui.feed import Page
+from rigel_ui.feed import Page
 
 KEPT = 500  # lines of a node that a page gets at its beginning
 BATCH = 0.15  # seconds in which lines are collected before pages get them

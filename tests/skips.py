@@ -66,7 +66,7 @@ EXPECTED = (
         "Ubuntu 22.04 and 24.04 have an older one",
     ),
     Skip(
-        "tests/unit/network/multus/test_machine.py",
+        "tests/unit/multus/test_machine.py",
         "this machine has CNI programs of its own",
         "they are where the test must find none",
     ),

@@ -16,16 +16,21 @@ from rigel_k8s.errors import UserError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-#: What a package can add: types of jobs and providers, commands of the command line, and keys of
-#: an orchestration job.
+#: What a package can add: types of jobs and providers, commands of the command line, keys of an
+#: orchestration job, and parts of its deploy.
 Group: TypeAlias = Literal[
-    "rigel_k8s.jobs", "rigel_k8s.providers", "rigel_k8s.commands", "rigel_k8s.options"
+    "rigel_k8s.jobs",
+    "rigel_k8s.providers",
+    "rigel_k8s.commands",
+    "rigel_k8s.options",
+    "rigel_k8s.parts",
 ]
 _WORDS: Mapping[Group, str] = {
     "rigel_k8s.jobs": "job type",
     "rigel_k8s.providers": "provider",
     "rigel_k8s.commands": "command",
     "rigel_k8s.options": "option",
+    "rigel_k8s.parts": "part",
 }
 
 

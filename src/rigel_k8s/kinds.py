@@ -2,7 +2,7 @@
 
 The kinds of problems, the words in brackets behind messages, need no table: the message says what
 is wrong and what to do. Those that have more to be said are explained beside their feature: why
-something is not ready in release/rollout/causes.py, what preflight finds beside its checks.
+something is not ready in release/rollout/causes.py, what a guest finds beside its checks.
 `rigel explain` and docs/errors.md print them all.
 """
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight.examine import inspect
 from rigel_k8s.report import Reporter
+from rigel_multus.preflight.examine import inspect
 
 
 def check(objects: Any, network: Network | None, cluster: Any, report: Reporter) -> None:

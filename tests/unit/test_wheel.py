@@ -35,8 +35,8 @@ DATA = (
     "rigel_lab/cluster/install-cnis.sh",
     "rigel_lab/cluster/lock/multus/go.mod",
     "rigel_lab/cluster/lock/multus/go.sum",
-    "rigel_k8s/network/multus/crds/k8s.cni.cncf.io_network-attachment-definitions.yaml",
-    "rigel_k8s/network/multus/machine.sh",
+    "rigel_multus/crds/k8s.cni.cncf.io_network-attachment-definitions.yaml",
+    "rigel_multus/machine.sh",
     "rigel_k8s/network/interface.sh",
     "rigel_ui/page/index.html",
     "rigel_ui/page/app.js",
@@ -54,7 +54,7 @@ from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
 from rigel_rmw import libraries
-from rigel_k8s.network.multus.manifests import DEFINITIONS, machine_script, read, read_definitions
+from rigel_multus.manifests import DEFINITIONS, machine_script, read, read_definitions
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert list_package() and read_lock()

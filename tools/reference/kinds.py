@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rigel_k8s.kinds import KUBECTL, PODS, Kind
-from rigel_k8s.network.preflight.checks import KINDS
 from rigel_k8s.release.rollout.causes import CAUSES
 from rigel_k8s.release.rollout.patience import Patience
+from rigel_multus.preflight.checks import KINDS
 from tools.reference.tables import draw_table, join_page
 
 HEAD = """# Errors and warnings

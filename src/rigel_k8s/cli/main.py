@@ -56,7 +56,6 @@ COMMANDS = {
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
-    "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
     "completion": ("completions", "Print the shell completion for bash, zsh or fish."),

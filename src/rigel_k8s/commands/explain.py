@@ -7,9 +7,9 @@ from difflib import get_close_matches
 
 import attrs
 
+from rigel_k8s.app.deploying.guests import load_guests
 from rigel_k8s.errors import UserError
 from rigel_k8s.kinds import KUBECTL, PODS
-from rigel_k8s.network.preflight.checks import KINDS
 from rigel_k8s.release.rollout.causes import CAUSES
 
 LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
@@ -40,10 +40,11 @@ def list_kinds() -> list[Explanation]:
         for group, kinds in of_pods
         for name, kind in kinds.items()
     ]
-    for kind in KINDS.values():
-        by = strip_links(kind.found_by)
-        explanations.append(Explanation(kind.name, "network", strip_links(kind.cause), found_by=by))
-    return explanations
+    found = [kind for guest in load_guests() for kind in guest.kinds()]
+    return explanations + [
+        Explanation(name, "network", strip_links(cause), found_by=strip_links(by))
+        for name, cause, by in found
+    ]
 
 
 def strip_links(markdown: str) -> str:

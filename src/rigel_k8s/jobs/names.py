@@ -66,7 +66,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             f"{_TYPES}.buildx:BuildXJob",
             ("rigel_k8s.BuildXPlugin", "rigel.plugins.core.BuildXPlugin"),
         ),
-        Builtin("network", f"{_TYPES}.network:NetworkJob", ("rigel_k8s.NetworkPlugin",)),
         Builtin(
             "observability",
             f"{_TYPES}.observability:ObservabilityJob",

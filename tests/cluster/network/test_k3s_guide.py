@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.removal import remove
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.types import DeployOptions
 from rigel_lab import cluster as lab
+from rigel_multus.removal import remove
 from tests.support.recorder import Recorder
 from tests.support.ros2base import push_ros2
 

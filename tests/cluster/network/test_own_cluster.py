@@ -19,16 +19,16 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.network.multus import RELEASE, WHEREABOUTS_IMAGE
-from rigel_k8s.network.multus.install import install
-from rigel_k8s.network.multus.interfaces import find_without_interface
-from rigel_k8s.network.multus.removal import remove, users
-from rigel_k8s.network.multus.status import network_status
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
 from rigel_lab.cluster import components, k3s
+from rigel_multus.install import install
+from rigel_multus.interfaces import find_without_interface
+from rigel_multus.names import RELEASE, WHEREABOUTS_IMAGE
+from rigel_multus.removal import remove, users
+from rigel_multus.status import network_status
 
 pytestmark = pytest.mark.cluster
 

@@ -16,10 +16,10 @@ from rigel_k8s.kube import connect
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.plan import network_plan
-from rigel_k8s.network.preflight.examine import examine
 from rigel_k8s.network.wiring import PodIdentity
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from rigel_multus.preflight.examine import examine
 from tests.cluster.rights import wait_for_right, write_kubeconfig
 from tests.support.preflight import check
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.options import Install, Network
-from rigel_k8s.network.preflight.examine import examine
 from rigel_k8s.release.types import DeployOptions
+from rigel_multus.install import install
+from rigel_multus.preflight.examine import examine
 
 pytestmark = pytest.mark.cluster
 

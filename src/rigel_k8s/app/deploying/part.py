@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import attrs
 
+from rigel_k8s.app.deploying.guests import Guest
 from rigel_k8s.app.deploying.images import write_pull_secret
 from rigel_k8s.app.deploying.prepare import Preparation
 from rigel_k8s.app.deploying.results import copy_results
@@ -16,7 +17,6 @@ from rigel_k8s.app.generation import Generation, generation_of
 from rigel_k8s.app.options import RollbackOn
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.network.preflight.examine import inspect
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.release.part import Hooks, Inspection, Look, Run, WayBack
 from rigel_k8s.release.rollback import find_target
@@ -46,6 +46,7 @@ class ApplicationHooks(Hooks):
 
     Attributes:
         applied: set when its objects are stored, before they are waited for.
+        guests: look at the cluster, too, before anything is written.
         graph: compares the graph with that before; made when it is written.
     """
 
@@ -53,6 +54,7 @@ class ApplicationHooks(Hooks):
     application: Application
     settings: Settings
     applied: Event
+    guests: Sequence[Guest] = ()
     graph: GraphWatch | None = None
 
     @property
@@ -71,14 +73,14 @@ class ApplicationHooks(Hooks):
         return GAP_SEEN if any(one.gap for one in expected) else WITHIN
 
     def inspect(self, cluster: Cluster, earlier: Sequence[Look]) -> Inspection:
-        """Return what keeps its network from working, or may.
-
-        What an installation of Multus mends is looked at after that.
-        """
-        installs = any(one.part.rank == "network" and one.writes for one in earlier)
-        network, objects = self.prepared.options.network, self.prepared.desired.objects
-        error, warnings = inspect(objects, network, cluster, mended=installs)
-        return Inspection((error,) if error else (), warnings)
+        """Return what keeps it from working on this cluster, or may."""
+        mended = any(one.part.rank == "network" and one.writes for one in earlier)
+        options, objects = self.prepared.options, self.prepared.desired.objects
+        seen = [one.inspect(objects, options, cluster, mended=mended) for one in self.guests]
+        return Inspection(
+            [error for one in seen for error in one.errors],
+            [warning for one in seen for warning in one.warnings],
+        )
 
     def before_write(self, run: Run, seen: Look) -> None:
         """Write the Secret with which its images are pulled."""

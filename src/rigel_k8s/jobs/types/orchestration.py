@@ -1,6 +1,6 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
-It joins app/, network/ and observability/; in each of them, decisions are pure
+It joins app/, observability/ and the guests; in each of them, decisions are pure
 and queries separate. They are imported where they are used: `rigel status` needs only the options.
 """
 
@@ -83,11 +83,11 @@ class OrchestrationJob:
         A partial job is laid over the release's last revision, so the cluster is asked for that
         even without one.
         """
+        from rigel_k8s.app.deploying.guests import load_guests
         from rigel_k8s.app.deploying.part import ApplicationHooks
         from rigel_k8s.app.deploying.prepare import Request, prepare, timeout_of
         from rigel_k8s.app.desired import point_out
         from rigel_k8s.kube import connect
-        from rigel_k8s.network.multus.install import requested_multus
         from rigel_k8s.observability.install import requested_stack, stack_part
         from rigel_k8s.release.part import Part
 
@@ -106,11 +106,13 @@ class OrchestrationJob:
                 prepared = prepare(request, asked)
         else:
             prepared = prepare(request, cluster)
+        guests = load_guests()
         hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,
             settings=job.settings,
             applied=job.applied,
+            guests=guests,
         )
         application = Part(
             desired=attrs.evolve(prepared.desired, source=str(job.application.dir.resolve())),
@@ -118,7 +120,9 @@ class OrchestrationJob:
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
-        parts = [*requested_multus(prepared.options.network, cluster, job.report), application]
+        parts = [application]
+        for guest in guests:
+            parts += guest.parts(prepared.options, cluster, job.report)
         if prepared.stack is not None:
             parts += requested_stack(prepared.stack, cluster, job.report)
         return parts

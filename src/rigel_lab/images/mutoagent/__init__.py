@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
@@ -19,7 +20,7 @@ from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.base.program import ETC, PREFIX, ProgramImage
 
 #: All but the lab: what the agent deploys has parts of each.
-HOUSES = ("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s", "rigel_muto")
+HOUSES = ("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s", "rigel_multus", "rigel_muto")
 PYTHON = "3.11"
 #: The processors of images, as wheels name them.
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
@@ -85,12 +86,19 @@ def list_package() -> tuple[Entry, ...]:
     """Return this distribution's files, sorted by path, and the few of /etc."""
     found = [entry for house in HOUSES for entry in _walk(files(house), f"{PREFIX}/{house}")]
     # Its commands and job types are found by the entry points of an installed distribution.
-    entries = distribution("rigel-k8s").read_text("entry_points.txt") or ""
+    lines = (distribution("rigel-k8s").read_text("entry_points.txt") or "").splitlines()
+    known = [line for line in lines if "=" not in line or find_house(line) in HOUSES]
+    entries = "\n".join(known)
     named = f"Metadata-Version: 2.1\nName: rigel-k8s\nVersion: {__version__}\n"
     for name, text in (("METADATA", named), ("entry_points.txt", entries)):
         path = f"{PREFIX}/rigel_k8s-{__version__}.dist-info/{name}"
         found.append(Entry(path, text.encode()))
     return (*ETC, *sorted(found, key=lambda entry: entry.path))
+
+
+def find_house(entry: str) -> str:
+    """Return the house that an entry point's line leads to, `name = package.module:Object`."""
+    return re.split(r"[.:]", entry.partition("=")[2].strip())[0]
 
 
 def list_wheels(wheels: Iterable[Path]) -> Iterator[Entry]:

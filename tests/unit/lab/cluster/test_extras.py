@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.network import multus
+import rigel_multus as multus
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
 from rigel_k8s.observability.manifests.program import load
 from rigel_lab.cluster import extras

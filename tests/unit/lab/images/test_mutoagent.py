@@ -54,6 +54,8 @@ def test_the_package_in_the_image_runs(tmp_path: Path) -> None:
     environ = {**os.environ, "PYTHONPATH": str(tmp_path / PREFIX)}
     code = (
         "import rigel_k8s.jobs.types.orchestration, rigel_muto.cli, rigel_k8s;"
+        "from rigel_k8s.app.deploying.guests import load_guests; assert load_guests();"
+        "from rigel_k8s.cli.main import list_all_commands; list_all_commands();"
         "print(rigel_k8s.__version__, rigel_k8s.__file__)"
     )
     done = subprocess.run(

@@ -1,0 +1,52 @@
+"""What joins the deploy of an application without being known here.
+
+A guest is found by an entry point of the group `rigel_k8s.parts` (docs/plugins.md); this package
+imports none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
+
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.installed import find, list_names
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.release.part import Inspection, Part
+from rigel_k8s.report import Reporter
+
+
+class Guest(Protocol):
+    """What a package adds to each deploy of an application."""
+
+    def parts(
+        self, options: OrchestrationOptions, cluster: Cluster | None, report: Reporter
+    ) -> Sequence[Part]:
+        """Return what the options request beside the application; nothing is written.
+
+        Args:
+            cluster: None for `render`: as far as the Rigelfile describes it.
+        """
+
+    def inspect(
+        self,
+        objects: Iterable[Mapping[str, Any]],
+        options: OrchestrationOptions,
+        cluster: Cluster,
+        *,
+        mended: bool,
+    ) -> Inspection:
+        """Return what keeps the application from working on this cluster, or may.
+
+        Args:
+            objects: the application's manifests.
+            mended: a part of rank "network" is written before; leave out what it mends.
+        """
+
+    def kinds(self) -> Iterable[tuple[str, str, str]]:
+        """Return (word, cause, where the answer comes from) of what `inspect` finds; Markdown."""
+
+
+def load_guests() -> list[Guest]:
+    """Return all, in the order of their names. Raises UserError: one cannot be imported."""
+    return [find("rigel_k8s.parts", name) for name in sorted(list_names("rigel_k8s.parts"))]

@@ -48,10 +48,10 @@ from rigel_k8s.app.programs import (
     split,
     write_values,
 )
-from rigel_k8s.app.updating import OnRequest, Way, find_obstacle, requests_hand_over
+from rigel_k8s.app.updating import Candidate, OnRequest, Way, find_obstacle, requests_hand_over
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.pods import LOG_PATH, Object
 from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
@@ -307,20 +307,14 @@ class Ros2(Generation):
             return UNPROVEN
         return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
 
-    def hand_over(
-        self,
-        release: ReleaseContext,
-        workload: str,
-        ros_name: str | None,
-        update: RollingUpdate,
-        obstacle: str | None,
-    ) -> Way:
+    def hand_over(self, candidate: Candidate) -> Way:
         """Return HandOver where the layer can do it; see docs/ros2-updates.md."""
-        if not release.layer:
+        update = candidate.update
+        if not candidate.release.layer:
             return Way("Recreate", NOT_BUILT, update)
-        if obstacle:
-            return Way("Recreate", obstacle, update)
-        env = hand_over_variables(release, workload, ros_name, update)
+        if candidate.obstacle:
+            return Way("Recreate", candidate.obstacle, update)
+        env = hand_over_variables(candidate)
         return Way("HandOver", "", update, env, drain_seconds(update))
 
     def refuse_hand_over(self, options: OrchestrationOptions, distro: str) -> str | None:

@@ -33,6 +33,7 @@ from rigel_k8s.objects.overlay import containers_of, list_mappings
 from rigel_k8s.objects.scalars import RosUri
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity
+from rigel_k8s.ros import ROS_ARGS, ROS_ARGS_END
 
 KIND = "contradiction"
 DOMAIN = "ROS_DOMAIN_ID"
@@ -584,8 +585,8 @@ def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]
         return
     flagged, before = False, ""
     for word in line:
-        if ros.rmw and word in ("--ros-args", "--"):
-            flagged = word == "--ros-args"
+        if ros.rmw and word in (ROS_ARGS, ROS_ARGS_END):
+            flagged = word == ROS_ARGS
         name, mark, value = word.partition(":=")
         if mark and (not flagged or before in ("-r", "--remap")):
             yield name, value

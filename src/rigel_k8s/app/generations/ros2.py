@@ -57,12 +57,11 @@ from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
-from rigel_k8s.ros import ROS_2
+from rigel_k8s.ros import ROS_2, ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper
 from rigel_rmw import libraries
 
-FLAG, END = "--ros-args", "--"
 #: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
 UNPROVEN = OnRequest("hand-over was not run over zenoh")
@@ -84,8 +83,8 @@ def rules(key: str, node: NodeOptions) -> Iterator[str]:
 
 def reads_ros_arguments(line: Sequence[str]) -> bool:
     """Return whether the end of a line is already read as ROS arguments."""
-    marks = [word for word in line if word in (FLAG, END)]
-    return marks[-1:] == [FLAG]
+    marks = [word for word in line if word in (ROS_ARGS, ROS_ARGS_END)]
+    return marks[-1:] == [ROS_ARGS]
 
 
 def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
@@ -266,7 +265,7 @@ class Ros2(Generation):
         found += [word for path in paths for word in ("--params-file", path)]
         if not found or reads_ros_arguments(line):
             return found
-        return [FLAG, *found]
+        return [ROS_ARGS, *found]
 
     def variables(
         self, release: ReleaseContext, namespace: str | None, address: str

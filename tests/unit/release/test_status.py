@@ -11,7 +11,7 @@ from rigel_k8s.cli.status import status_text
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import AWAY, describe_pod, describe_workload, status
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running
@@ -51,7 +51,7 @@ def test_living_pods_come_before_those_that_end() -> None:
     )
     old["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
     talker = {**workload(), "metadata": {"name": "talker", "uid": "w"}}
-    found = describe_workload(talker, look_around([], [old, new]))
+    found = describe_workload(talker, find_related([], [old, new]))
     assert [pod.name for pod in found.pods] == ["b-new", "a-old"]
 
 

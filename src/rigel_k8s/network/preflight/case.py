@@ -8,7 +8,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.network.multus.interfaces import Request, list_requests
+from rigel_k8s.network.multus.interfaces import InterfaceRequest, list_requests
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import (
     Attachment,
@@ -34,7 +34,7 @@ class Wanted:
     """
 
     workload: str
-    requests: Sequence[Request]
+    requests: Sequence[InterfaceRequest]
     pods: int = 1
     spec: Manifest = attrs.field(factory=dict)
 

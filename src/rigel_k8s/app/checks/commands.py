@@ -111,7 +111,7 @@ def check_variables(node: NodeOptions) -> Iterator[Problem]:
             yield Problem(("env", place), message, "no-substitution", severity="warning")
 
 
-def check_parameters(options: ParameterOptions, ros: Generation) -> Iterator[Problem]:
+def check_parameter_options(options: ParameterOptions, ros: Generation) -> Iterator[Problem]:
     """Yield files without a path, commands without a word, and what the generation refuses."""
     yield from ros.check_parameters(options)
     for index, entry in enumerate(map(file_of, options.parameter_files)):
@@ -284,7 +284,7 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
         fault: str | None = None
         severity: Severity = "error"
         if option:
-            fault, option = explain_value(ros, option, word), ""
+            fault, option = explain_option_value(ros, option, word), ""
         elif word in (ROS_ARGS, ROS_ARGS_END):
             reads = word == ROS_ARGS
         elif reads and word in (*PARAMETERS, *REMAPPINGS, *OTHERS):
@@ -304,7 +304,7 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
         yield Problem(line_path(node), fault, "ros-args", at_key=True)
 
 
-def explain_value(ros: Generation, option: str, value: str) -> str | None:
+def explain_option_value(ros: Generation, option: str, value: str) -> str | None:
     """Return why rcl refuses the value of an option, None if it accepts it."""
     left, _, right = value.partition(":=")
     if option in OTHERS or is_filled_in(value):

@@ -369,7 +369,7 @@ def explain_transports(place: Place, value: str | None) -> Verdict | None:
     return None
 
 
-def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
+def explain_zenoh_config(place: Place, value: str | None) -> Verdict | None:
     """Judge a configuration of zenoh that replaces the one with the release's router."""
     release = place.release
     if release.mode.middleware != "zenoh":
@@ -495,7 +495,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "ROS_DISCOVERY_SERVER": explain_servers,
         "ROS_STATIC_PEERS": explain_peers,
         "FASTDDS_BUILTIN_TRANSPORTS": explain_transports,
-        "ZENOH_CONFIG_OVERRIDE": explain_zenoh,
+        "ZENOH_CONFIG_OVERRIDE": explain_zenoh_config,
         **FILES,
     },
     "none": FILES,

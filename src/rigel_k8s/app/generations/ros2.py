@@ -139,7 +139,7 @@ def describe_component(key: str, component: Component) -> dict[str, Any]:
     }
 
 
-def check_component(component: Component) -> Iterator[Problem]:
+def check_composable(component: Component) -> Iterator[Problem]:
     """Yield what a composable node needs, and parameters without a type."""
     if component.package is None:
         message = f"the package of {component.plugin} is missing: add `package`"
@@ -149,11 +149,11 @@ def check_component(component: Component) -> Iterator[Problem]:
         yield Problem(("plugin",), message, "bad-plugin")
     for key, value in component.parameters.items():
         for name, inner in dotted({key: value}):
-            if reason := explain_value(name, inner):
+            if reason := explain_parameter(name, inner):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
 
 
-def explain_value(name: str, value: Any) -> str | None:
+def explain_parameter(name: str, value: Any) -> str | None:
     """Return why rcl has no type for a parameter's value, None if it has one."""
     if PARAMETERS in name:
         return (
@@ -188,7 +188,7 @@ class Ros2(Generation):
     components = Loading(
         script="components.py",
         describe=describe_component,
-        check=check_component,
+        check=check_composable,
         are_nodes=True,
         twice="in a rolling update the containers of both pods would load them: use Recreate",
     )
@@ -328,7 +328,7 @@ class Ros2(Generation):
         """Yield lists and namespaces of parameters that ROS 2 does not have."""
         for key, name, value in flat_values(options.parameters):
             full = key if key.startswith("~") else name.replace("/", ".")
-            if reason := explain_value(full, value):
+            if reason := explain_parameter(full, value):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
         for index, entry in enumerate(map(file_of, options.parameter_files)):
             if entry.namespace is not None:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import attrs
 
-from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameters, check_substitution
+from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameter_options, check_substitution
 from rigel_k8s.app.command import Command
 from rigel_k8s.app.generation import Companion, Generation
 from rigel_k8s.app.generations.ros1 import checks, commands
@@ -121,12 +121,12 @@ class Ros1(Generation):
     def check(self, options: OrchestrationOptions) -> Iterator[Problem]:
         """Yield what is wrong with the master and the global parameters of a job."""
         yield from checks.check(options)
-        yield from check_parameters(options, self)
+        yield from check_parameter_options(options, self)
         yield from check_substitution(options, IN_PARAMETERS)
 
     def check_parameters(self, options: ParameterOptions) -> Iterator[Problem]:
         """Yield parameters that are not ROS names, and values that are none of XML-RPC."""
-        return checks.check_names(options)
+        return checks.check_parameter_names(options)
 
     def check_parameter_file(
         self, text: str, key: str | None, options: ParameterOptions

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.logs.history import Edge
 from rigel_k8s.commands.logs.lines import LogOptions
+from rigel_k8s.commands.logs.reading import Edge
 from rigel_k8s.kube.failures import refusal
 from rigel_k8s.observability.options import Existing, ExistingLoki, Observability
 from rigel_k8s.observability.reading.doors import target_port

@@ -60,10 +60,10 @@ def logs(
     """
     found = release(settings, job, nodes)
     with found.cluster:
-        yield from history(found, nodes, options)
+        yield from read_lines(found, nodes, options)
 
 
-def history(
+def read_lines(
     found: Release,
     nodes: Sequence[str],
     options: LogOptions,

@@ -239,18 +239,20 @@ def describe_release(
     if not workloads and not records:
         return None
     good = revisions.find_good(records or ())
+    revision, revision_status = newest(records)
     return ReleaseStatus(
-        release,
-        *newest(records),
-        tuple(
+        release=release,
+        revision=revision,
+        revision_status=revision_status,
+        workloads=tuple(
             status
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
             for status in describe_nodes(live, related)
         ),
-        good,
-        describe_undone(records or ()),
-        next((record for record in records or () if record.number == good), None),
+        good=good,
+        rolled_back=describe_undone(records or ()),
+        last_good=next((record for record in records or () if record.number == good), None),
     )
 
 
@@ -340,18 +342,18 @@ def describe_workload(live: Manifest, related: Related) -> WorkloadStatus:
     if halt := describe_halt(live):
         message = f"{halt}; `rigel run` with its Rigelfile puts it right"
     return WorkloadStatus(
-        live["kind"],
-        live["metadata"]["name"],
-        state.ready,
-        state.wanted,
-        state.done and state.ok and not halt,
-        message,
-        describe_pods(pods, related),
-        live["metadata"].get("annotations") or {},
-        tuple(cause.kind for cause in wrong),
-        tuple(describe_drift(live)),
-        state.old_runs,
-        bool(halt),
+        kind=live["kind"],
+        name=live["metadata"]["name"],
+        ready=state.ready,
+        desired=state.wanted,
+        done=state.done and state.ok and not halt,
+        message=message,
+        pods=describe_pods(pods, related),
+        annotations=live["metadata"].get("annotations") or {},
+        kinds=tuple(cause.kind for cause in wrong),
+        drift=tuple(describe_drift(live)),
+        old_runs=state.old_runs,
+        halted=bool(halt),
     )
 
 
@@ -368,22 +370,24 @@ def choose_part(pod: Manifest, node: str) -> Manifest:
 
 
 def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
-    meta, state = pod["metadata"], pod.get("status") or {}
+    meta, spec, state = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     stopped, not_alive = find_liveness_failure(pod, events)
+    crashed, crash = ("", "") if stopped else find_crash(pod)
     return PodStatus(
-        meta["name"],
-        (pod.get("spec") or {}).get("nodeName", ""),
-        state.get("podIP", ""),
-        "Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
-        is_ready(pod),
-        sum(int(c.get("restartCount", 0)) for c in containers(state)),
-        "" if is_ready(pod) else explain_unready(pod, events, not_alive),
-        meta.get("creationTimestamp", ""),
-        next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
-        find_kind(pod, events),
-        stopped,
-        not_alive,
-        *(("", "") if stopped else find_crash(pod)),
+        name=meta["name"],
+        node=spec.get("nodeName", ""),
+        ip=state.get("podIP", ""),
+        phase="Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
+        ready=is_ready(pod),
+        restarts=sum(int(c.get("restartCount", 0)) for c in containers(state)),
+        message="" if is_ready(pod) else explain_unready(pod, events, not_alive),
+        created=meta.get("creationTimestamp", ""),
+        image=next((c.get("image", "") for c in spec.get("containers") or []), ""),
+        kind=find_kind(pod, events),
+        stopped=stopped,
+        not_alive=not_alive,
+        crashed=crashed,
+        crash=crash,
     )
 
 

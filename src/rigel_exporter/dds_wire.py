@@ -1,6 +1,6 @@
 """The messages of reliable endpoints in RTPS, read without copying, and written.
 
-Why: inpod/rtps.py has the headers and DATA, which is enough for announcements; reading endpoints
+Why: rigel_inpod/rtps.py has the headers and DATA, enough for announcements; reading endpoints
 and counting samples also needs DATA_FRAG, HEARTBEAT, ACKNACK and GAP (DDSI-RTPS 2.5: 9.4.5). It
 must not depend on sockets, time, or the meaning of the data.
 """

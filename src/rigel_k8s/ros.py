@@ -11,6 +11,9 @@ import attrs
 
 from rigel_k8s.distros import DISTROS
 
+#: What begins the arguments that ROS 2 reads from a command line, and what ends them.
+ROS_ARGS, ROS_ARGS_END = "--ros-args", "--"
+
 
 @attrs.frozen(kw_only=True)
 class Ros:

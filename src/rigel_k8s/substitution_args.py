@@ -1,6 +1,6 @@
 """`$(find PACKAGE)` and the like in texts: which expressions a container replaces, and which not.
 
-inpod/substitution.py replaces them. This module only recognizes them.
+rigel_inpod/substitution.py replaces them. This module only recognizes them.
 """
 
 from __future__ import annotations

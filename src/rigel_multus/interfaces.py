@@ -18,7 +18,7 @@ Pod = Mapping[str, Any]
 
 
 @attrs.frozen
-class Request:
+class InterfaceRequest:
     """A network that a pod requests, NAMESPACE/NAME, and its addresses if it requests them."""
 
     key: str
@@ -39,20 +39,22 @@ class Missing:
         return f"pod {self.namespace}/{self.pod} on {self.node} runs without its network {names}"
 
 
-def list_requests(annotations: Mapping[str, str], namespace: str) -> list[Request]:
+def list_requests(annotations: Mapping[str, str], namespace: str) -> list[InterfaceRequest]:
     """Return what a pod of a namespace requests, one for each interface."""
     text = (annotations.get(NETWORKS_ANNOTATION) or "").strip()
     if text.startswith("["):
         requests = []
         for entry in list_entries(text):
             key = f"{entry.get('namespace') or namespace}/{entry.get('name', '')}"
-            requests.append(Request(key, tuple(map(str, entry.get("ips") or []))))
+            requests.append(InterfaceRequest(key, tuple(map(str, entry.get("ips") or []))))
         return requests
     names = [part.strip().partition("@")[0] for part in text.split(",")]
-    return [Request(name if "/" in name else f"{namespace}/{name}") for name in names if name]
+    return [
+        InterfaceRequest(name if "/" in name else f"{namespace}/{name}") for name in names if name
+    ]
 
 
-def requests_of(pod: Pod) -> list[Request]:
+def requests_of(pod: Pod) -> list[InterfaceRequest]:
     meta = pod["metadata"]
     return list_requests(meta.get("annotations") or {}, meta.get("namespace", "default"))
 

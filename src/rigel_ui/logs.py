@@ -8,8 +8,8 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from rigel_k8s.commands.logs.history import history
 from rigel_k8s.commands.logs.lines import LogLine, LogOptions, stamp
+from rigel_k8s.commands.logs.reading import read_lines
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import RigelK8sError
 from rigel_ui.feed import Page
@@ -153,7 +153,7 @@ def read_log(found: Release) -> Read:
     def read(node: str, cancel: threading.Event) -> Iterator[LogLine]:
         options = LogOptions(follow=True, tail=KEPT - 1)
         return itertools.takewhile(
-            lambda _: not cancel.is_set(), history(found, [node], options, cancel)
+            lambda _: not cancel.is_set(), read_lines(found, [node], options, cancel)
         )
 
     return read

@@ -67,12 +67,12 @@ class Overview:
         return any(shown < since + lasts <= now for since, lasts in passing)
 
     def describe(self, view: ReleaseView, now: float) -> Mapping[str, Entries]:
-        surroundings = view.look_around()
+        related = view.find_related()
         records = None
         if SECRET not in view.refused:
             records = read_all(view.objects[SECRET].values())
         live = [list(view.objects[kind].values()) for kind in KINDS]
-        found = describe_release(self._release, live, surroundings, records)
+        found = describe_release(self._release, live, related, records)
         if found is None:
             self.nodes = None
             gone = ("node", "box", "topic", "dot", "revision", "problems")
@@ -92,10 +92,7 @@ class Overview:
             for part in split(one)
         }
         newest = [
-            [
-                choose_part(pod, w.name)
-                for pod in surroundings.list_newest_pods(items[w.kind, w.name][0])
-            ]
+            [choose_part(pod, w.name) for pod in related.list_newest_pods(items[w.kind, w.name][0])]
             for w in found.workloads
         ]
         refs = [ref_of(items[w.kind, w.name][1]) for w in found.workloads]

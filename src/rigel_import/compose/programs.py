@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rigel_import.compose.service import Service
+from rigel_k8s.ros import ROS_ARGS
 
 #: Options of roslaunch and ros2 launch that change nothing in a pod.
 QUIET = ("--wait", "--screen", "--noninteractive", "-n")
@@ -64,5 +65,5 @@ def read_arguments(words: Sequence[str]) -> dict[str, Any]:
             args = args[:-1] if args[-1:] in (["-r"], ["--remap"]) else args
         else:
             args.append(word)
-    args = args[:-1] if args[-1:] == ["--ros-args"] else args
+    args = args[:-1] if args[-1:] == [ROS_ARGS] else args
     return {"args": args, **options} if args else options

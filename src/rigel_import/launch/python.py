@@ -22,6 +22,7 @@ from rigel_import.launch.scope import Scope, join
 from rigel_k8s.app.components import dotted
 from rigel_k8s.app.generations.ros2files import ANY_NODE, PARAMETERS, matches
 from rigel_k8s.errors import UserError
+from rigel_k8s.ros import ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.yaml_text import Loader
 
 UNNAMED: Options = {"anonymous": True, "update": {"strategy": "Recreate"}}
@@ -122,8 +123,8 @@ def read_line(words: Sequence[str]) -> Line:
     line, ros, kept = Line(), False, []
     rest = iter(words)
     for word in rest:
-        if word in ("--ros-args", "--"):
-            ros = word == "--ros-args"
+        if word in (ROS_ARGS, ROS_ARGS_END):
+            ros = word == ROS_ARGS
         elif not ros:
             line.args.append(word)
         elif word in ("-r", "--remap"):
@@ -135,7 +136,7 @@ def read_line(words: Sequence[str]) -> Line:
             line.parameters.append((text, ""))
         else:
             kept += [word, text] if word in ("-p", "--param") else [word]
-    line.args += ["--ros-args", *kept] if kept else []
+    line.args += [ROS_ARGS, *kept] if kept else []
     return line
 
 
@@ -145,7 +146,7 @@ def take_process(scope: Scope, evaluated: Evaluated, process: Mapping[str, Any])
     words = process["command"]
     inner = scope.copy(remarks=[], options={}, namespace="")
     start = next((i for i, word in enumerate(words) if word.startswith(MARK)), None)
-    if start is None and "--ros-args" not in words:
+    if start is None and ROS_ARGS not in words:
         name, options = take_program(inner, place, process)
     else:
         options = {}

@@ -95,7 +95,7 @@ def check_component(
     """Yield what is wrong with one component; paths are its own."""
     if component.name is None:
         yield from check_key(key, ros)
-    yield from check_names(component, ros)
+    yield from check_ros_names(component, ros)
     yield from loading.check(component)
 
 
@@ -109,7 +109,7 @@ def check_key(key: str, ros: Generation) -> Iterator[Problem]:
         yield Problem((), f"{reason}, or set a `name`", RosName.kind, at_key=True)
 
 
-def check_names(options: NodeOptions | Component, ros: Generation) -> Iterator[Problem]:
+def check_ros_names(options: NodeOptions | Component, ros: Generation) -> Iterator[Problem]:
     """Yield names and remappings that the generation does not have; paths are their own."""
     names = ros.names
     if names is None:

@@ -11,8 +11,8 @@ import attrs
 from rigel_k8s.app.application import flat
 from rigel_k8s.app.generation import Generation, Texts, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.parts import Parts
 from rigel_k8s.app.security import restrict
+from rigel_k8s.app.workloads import Workloads
 from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import Manifest, ref_of
@@ -76,9 +76,9 @@ def draft(
         pull_secrets=tuple(map(str, options.image_pull_secrets)),
         layer=bool(texts.libraries),
     )
-    parts = Parts(options, ros.in_context(context, options), texts)
+    workloads = Workloads(options, ros.in_context(context, options), texts)
     traced = []
-    for path, item in parts.objects(parts.plan(previous)):
+    for path, item in workloads.objects(workloads.plan(previous)):
         # The exporter's pods are restricted already.
         if options.security is not None and item["metadata"]["name"] != EXPORTER:
             item = restrict(item, options.security, ros)

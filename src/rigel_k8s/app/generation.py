@@ -15,10 +15,10 @@ from rigel_k8s.app.command import Command
 from rigel_k8s.app.files import Folder
 from rigel_k8s.app.options import Component, NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import Fault, ParameterOptions
-from rigel_k8s.app.updating import Way, is_rolling
+from rigel_k8s.app.updating import Candidate, Way, is_rolling
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import PodIdentity, Wiring
-from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.rosnames import Names
@@ -165,25 +165,15 @@ class Generation(Ros):
         return None
 
     def choose_way(
-        self,
-        release: ReleaseContext,
-        workload: str,
-        ros_name: str | None,
-        update: RollingUpdate | None,
-        obstacle: str | None,
-        *,
-        anonymous: bool = False,
-        exclusive: str | None = None,
+        self, candidate: Candidate, *, anonymous: bool = False, exclusive: str | None = None
     ) -> Way:
         """Return how a workload is updated.
 
         Args:
-            ros_name: the full name of the node, if it is known.
-            obstacle: why it cannot be handed over; see find_obstacle.
             exclusive: why one machine cannot run two of its pods; see updating.find_exclusive.
         """
-        asked = update or RollingUpdate()
-        if is_rolling(update):
+        asked = candidate.update
+        if is_rolling(asked):
             return Way("Rolling", "`update` requests it", asked)
         if asked.strategy is not None and asked.strategy.lower() == "recreate":
             return Way("Recreate", "`update` requests it", asked)
@@ -191,16 +181,9 @@ class Generation(Ros):
             return Way("Recreate", exclusive, asked)
         if anonymous:
             return Way("Rolling", "its ROS name differs in each pod", asked)
-        return self.hand_over(release, workload, ros_name, asked, obstacle)
+        return self.hand_over(candidate)
 
-    def hand_over(
-        self,
-        release: ReleaseContext,
-        workload: str,
-        ros_name: str | None,
-        update: RollingUpdate,
-        obstacle: str | None,
-    ) -> Way:
+    def hand_over(self, candidate: Candidate) -> Way:
         """Return HandOver where it works, with what pods need for it; else why not."""
         return Way("Recreate", "nothing arbitrates between two programs")
 

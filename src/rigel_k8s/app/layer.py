@@ -12,6 +12,7 @@ from zlib import crc32
 import attrs
 
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.updating import Candidate
 from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.overlay import list_mappings, pod_of
 from rigel_k8s.objects.podoptions import RollingUpdate
@@ -82,10 +83,9 @@ def choose_port(release: ReleaseContext, node: str, *, shares_network: bool) -> 
     return KEEPER_PORTS[crc32(name.encode()) % len(KEEPER_PORTS)]
 
 
-def hand_over_variables(
-    release: ReleaseContext, workload: str, ros_name: str | None, update: RollingUpdate
-) -> dict[str, Object]:
+def hand_over_variables(candidate: Candidate) -> dict[str, Object]:
     """Return the variables by which a keeper finds those of the workload's other pods."""
+    release, workload, update = candidate.release, candidate.workload, candidate.update
     name = {"apiVersion": "v1", "fieldPath": "metadata.name"}
     found: dict[str, Object] = {
         "RIGEL_K8S_WORKLOAD": {"value": f"{release.namespace}/{release.release}/{workload}"},
@@ -94,7 +94,7 @@ def hand_over_variables(
         "RIGEL_K8S_DRAIN": {"value": str(drain_seconds(update))},
     }
     if update.warm:
-        namespace = (ros_name or "").rpartition("/")[0]
+        namespace = (candidate.ros_name or "").rpartition("/")[0]
         topics = [str(t) if t.startswith("/") else f"{namespace}/{t}" for t in update.warm]
         found["RIGEL_RMW_WARM"] = {"value": ":".join(topics)}
     return found

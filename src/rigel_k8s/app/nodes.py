@@ -28,7 +28,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.programs import full_name, put_start_before, wrap
 from rigel_k8s.app.testing import TEST_ANNOTATION
-from rigel_k8s.app.updating import Way, find_exclusive
+from rigel_k8s.app.updating import Candidate, Way, find_exclusive
 from rigel_k8s.app.volumes import device_resources, mounts
 from rigel_k8s.network.modes import mode_of, ready_words, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
@@ -44,7 +44,14 @@ from rigel_k8s.objects.naming import (
 )
 from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podnodes import note_nodes
-from rigel_k8s.objects.podoptions import OUTSIDE, Placement, PortOptions, Readiness, Volume
+from rigel_k8s.objects.podoptions import (
+    OUTSIDE,
+    Placement,
+    PortOptions,
+    Readiness,
+    RollingUpdate,
+    Volume,
+)
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
     PROBE_TIMEOUT,
@@ -327,14 +334,15 @@ def way_of(
     options = node.options
     if options.kind:
         return Way("Recreate")
+    candidate = Candidate(
+        release=release,
+        workload=node.name,
+        ros_name=node.ros_name,
+        update=options.update or RollingUpdate(),
+        obstacle=obstacle,
+    )
     way = GENERATIONS[release.ros.name].choose_way(
-        release,
-        node.name,
-        node.ros_name,
-        options.update,
-        obstacle,
-        anonymous=options.anonymous,
-        exclusive=exclusive,
+        candidate, anonymous=options.anonymous, exclusive=exclusive
     )
     if way.env and options.pod:
         own = shared_pod_variables(node.workload, (str(one.container) for one in nodes))

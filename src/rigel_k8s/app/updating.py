@@ -23,6 +23,23 @@ UPDATE_ANNOTATION = "rigel-k8s/update"
 EXCLUSIVE = ("ReadWriteOnce", "ReadWriteOncePod")
 
 
+@attrs.frozen(kw_only=True)
+class Candidate:
+    """A workload of which an update may hand over.
+
+    Attributes:
+        ros_name: the full name of the node, if it is known.
+        update: the user's options for it.
+        obstacle: why it cannot be handed over; see find_obstacle.
+    """
+
+    release: ReleaseContext
+    workload: str
+    ros_name: str | None
+    update: RollingUpdate
+    obstacle: str | None
+
+
 @attrs.frozen
 class Way:
     """How a workload's pods are replaced.

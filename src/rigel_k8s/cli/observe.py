@@ -76,15 +76,15 @@ def status(ctx: click.Context, /, output: str) -> int:
     Exit code 1 if the stack itself is not in order.
     """
     from rigel_k8s.cli.status import status_json
+    from rigel_k8s.commands.status import Status
     from rigel_k8s.observability.reading import status as observe_status
 
     found = observe_status.status(settings(ctx))
     if output == "json":
         answers = [attrs.asdict(one) for one in found.answers]
         fire = [attrs.asdict(one) for one in found.alerts]
-        print_json(
-            {**status_json(found.release), "answers": answers, "alerts": fire, "ok": found.ok}
-        )
+        state = status_json(Status(found.release))
+        print_json({**state, "answers": answers, "alerts": fire, "ok": found.ok})
     else:
         show_status(found)
     return 0 if found.ok else 1
@@ -140,8 +140,9 @@ def show_status(found: ObserveStatus) -> None:
     """Print a status as text."""
     from rigel_k8s.cli.status import status_text
     from rigel_k8s.cli.tables import table
+    from rigel_k8s.commands.status import Status
 
-    click.echo(status_text(found.release))
+    click.echo(status_text(Status(found.release)))
     order = {True: "yes", False: "NO", None: "-"}
     rows = [[one.name, order[one.ok], one.said] for one in found.answers]
     click.echo("\n" + table(["PART", "IN ORDER", ""], rows))

@@ -81,7 +81,7 @@ def logs(
     --level they come from the observability stack's Loki if it is installed, also those of deleted
     pods, without those of the last seconds.
     """
-    from rigel_k8s.commands.logs.history import logs as lines_of
+    from rigel_k8s.commands.logs.reading import logs as lines_of
 
     if follow and (since, level, tail) == (None, None, None):
         tail = FOLLOWED

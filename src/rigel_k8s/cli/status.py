@@ -30,7 +30,7 @@ from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, Wor
 from rigel_k8s.rosgraph.types import GateStatus
 
 if TYPE_CHECKING:
-    from rigel_k8s.rosgraph.expectations import Verdict
+    from rigel_k8s.commands.status import Status
 
 #: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"
@@ -62,22 +62,15 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 
     found = reading.status(settings(ctx), job, graph=not no_graph)
     if output == "json":
-        print_json(status_json(found.release, found.graph, found.gate, found.clocks, found.expect))
+        print_json(status_json(found))
     else:
-        clocks, expect = found.clocks or (), found.expect or ()
-        click.echo(status_text(found.release, None, found.graph, found.gate, clocks, expect))
+        click.echo(status_text(found))
     return 0 if found.ok else 1
 
 
-def status_text(
-    found: ReleaseStatus,
-    now: datetime | None = None,
-    graph: DiscoveryGraph | None = None,
-    gate: GateStatus | None = None,
-    clocks: Sequence[Problem] = (),
-    expect: Sequence[Verdict] = (),
-) -> str:
+def status_text(status: Status, now: datetime | None = None) -> str:
     """Return a release's workloads and pods, and below them what is wrong."""
+    found, graph, gate = status.release, status.graph, status.gate
     now = now or datetime.now(timezone.utc)
     heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
     if graph is not None:
@@ -102,8 +95,8 @@ def status_text(
     ]
     lines += problem_lines(graph.problems if graph is not None else ())
     lines += gate_lines(gate, found) if gate is not None else ()
-    lines += problem_lines(clocks)
-    lines += dict.fromkeys(one.line for one in expect if one.broken)
+    lines += problem_lines(status.clocks or ())
+    lines += dict.fromkeys(one.line for one in status.expect or () if one.broken)
     memory = "\n".join(memory_lines(graph)) if graph is not None else ""
     reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
     wrong = [part for part in (reasons, way_out(found)) if part] or [total(found)]
@@ -290,14 +283,9 @@ def shorten_image(image: str) -> str:
     return f"{name}{at}{digest[:7]}" if at else image or "-"
 
 
-def status_json(
-    found: ReleaseStatus,
-    graph: DiscoveryGraph | None = None,
-    gate: GateStatus | None = None,
-    clocks: Sequence[Problem] | None = None,
-    expect: Sequence[Verdict] | None = None,
-) -> dict[str, Any]:
+def status_json(status: Status) -> dict[str, Any]:
     """Return a release for scripts (docs/cli.md)."""
+    found, gate, clocks, expect = status.release, status.gate, status.clocks, status.expect
     return {
         "release": found.release.name,
         "namespace": found.release.namespace,
@@ -309,7 +297,7 @@ def status_json(
         "missing": list(found.missing),
         "changed": list(found.changed),
         "workloads": [workload_json(workload) for workload in found.workloads],
-        "graph": graph_json(graph),
+        "graph": graph_json(status.graph),
         "gate": None if gate is None else attrs.asdict(gate),
         "clocks": None if clocks is None else [problem.to_json() for problem in clocks],
         "expect": None if expect is None else [verdict.to_json() for verdict in expect],

@@ -19,7 +19,7 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.resources import parse_quantity
 from rigel_k8s.observability.names import PROMETHEUS
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
-from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
+from rigel_k8s.observability.reading.stack import NoStack, choose_service, explain
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
@@ -191,7 +191,7 @@ def ask_prometheus(found: Release, queries: Mapping[str, str]) -> dict[str, list
         NoStack: no Prometheus is found.
         ClusterError: it does not answer, or access to it is denied.
     """
-    client = PrometheusClient(part_of(found.cluster, PROMETHEUS, found.observability).ask)
+    client = PrometheusClient(choose_service(found.cluster, PROMETHEUS, found.observability).ask)
     own = matchers(application=found.id.name, namespace=found.id.namespace)
     texts = [query.format(own) for query in queries.values()]
     return dict(zip(queries, found.cluster.parallel(client.query, texts), strict=True))

@@ -40,7 +40,7 @@ RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --lis
 
 
 @attrs.frozen
-class Cause:
+class StatusCause:
     """One of the reasons that the API server adds to its message."""
 
     reason: str
@@ -73,7 +73,7 @@ class Refusal(ClusterError):
     status: int = 0
     reason: str = ""
     words: str = ""
-    causes: tuple[Cause, ...] = ()
+    causes: tuple[StatusCause, ...] = ()
     doubtful: bool = False
 
 
@@ -128,7 +128,7 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     error = kind(f"cannot {what}: {message}", hint=hint(status, message, context, server))
     error.words = message
     error.status, error.reason = status, str(answer.get("reason") or "")
-    error.causes = tuple(causes(answer))
+    error.causes = tuple(status_causes(answer))
     if isinstance(error, Forbidden):
         grounds = (ground for ground, words in GROUNDS if re.search(words, message))
         error.ground = next(grounds, "other")
@@ -160,11 +160,11 @@ def kubernetes_status(body: bytes) -> Mapping[str, Any]:
     return {"message": " ".join(body.decode("utf-8", "replace").split())[:500]}
 
 
-def causes(answer: Mapping[str, Any]) -> list[Cause]:
+def status_causes(answer: Mapping[str, Any]) -> list[StatusCause]:
     """Return the causes of a `Status` object."""
     found = find_mappings(find_mapping(answer, "details"), "causes")
     words = [[str(cause.get(key, "")) for key in ("reason", "message", "field")] for cause in found]
-    return [Cause(*three) for three in words]
+    return [StatusCause(*three) for three in words]
 
 
 def garbled_error(what: str, url: str, body: bytes, reason: str) -> Garbled:

@@ -10,11 +10,11 @@ import attrs
 from rigel_k8s.objects.resources import check_resources, explain_few_bytes
 from rigel_k8s.observability.options import (
     DEFAULT_COLLECTOR,
-    Component,
+    ChartProgram,
     Observability,
-    Part,
     Program,
-    collector_part,
+    StackProgram,
+    find_collector,
 )
 from rigel_k8s.problems import Problem
 
@@ -43,7 +43,7 @@ def check(options: Observability) -> Iterator[Problem]:
 def check_helm(options: Observability) -> Iterator[Problem]:
     """Yield options of Helm, which have no effect: no chart is installed."""
     for name in ("grafana", "prometheus", "loki"):
-        part: Component = getattr(options, name)
+        part: ChartProgram = getattr(options, name)
         given = [key for key in ("release", "chart", "values") if getattr(part, key)]
         for key in given:
             message = f"`{key}` is an option of a Helm chart and is not used: no chart is installed"
@@ -77,8 +77,9 @@ def check_spans(options: Observability) -> Iterator[Problem]:
 def check_collector(options: Observability) -> Iterator[Problem]:
     """Yield collectors that are configured but not used, and a Loki that needs a setting."""
     used = options.collector or DEFAULT_COLLECTOR
+    untouched = (StackProgram(), StackProgram(enabled=False))
     for other in ("otel-collector", "promtail"):
-        if other != used and collector_part(options, other) not in (Part(), Part(enabled=False)):
+        if other != used and find_collector(options, other) not in untouched:
             message = f"the collector is {used}, so this has no effect; set `collector: {other}`"
             path = (other.replace("-", "_"),)
             yield Problem(path, message, "not-used", severity="warning", at_key=True)
@@ -121,7 +122,7 @@ def check_existing(options: Observability) -> Iterator[Problem]:
             yield Problem((name,), message, "not-used", severity="warning", at_key=True)
 
 
-def has_data(part: Component) -> bool:
+def has_data(part: ChartProgram) -> bool:
     """Return whether options say how a part keeps its data or how it is reached."""
     persistence = getattr(part, "persistence", None)
     given = persistence is not None and persistence != type(persistence)()

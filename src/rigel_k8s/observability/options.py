@@ -56,19 +56,19 @@ class Program:
 
 
 @attrs.frozen(kw_only=True)
-class Part(Program):
+class StackProgram(Program):
     """A program of the stack."""
 
     enabled: bool = option("deploy it", default=True)
 
 
-def part_of(value: bool | Part) -> Part:  # noqa: FBT001 - as the Rigelfile has it
+def stack_program(value: bool | StackProgram) -> StackProgram:  # noqa: FBT001 - as the Rigelfile has it
     """Return the options of a part that may be written as true or false."""
-    return value if isinstance(value, Part) else Part(enabled=value)
+    return value if isinstance(value, StackProgram) else StackProgram(enabled=value)
 
 
 @attrs.frozen(kw_only=True)
-class Component(Part):
+class ChartProgram(StackProgram):
     """A part with a page of its own; release, chart and values are accepted but not used."""
 
     release: ObjectName | None = option(
@@ -82,7 +82,7 @@ class Component(Part):
 
 
 @attrs.frozen(kw_only=True)
-class Grafana(Component):
+class Grafana(ChartProgram):
     """Grafana."""
 
     admin_password: str | None = option(
@@ -96,7 +96,7 @@ class Grafana(Component):
 
 
 @attrs.frozen(kw_only=True)
-class Prometheus(Component):
+class Prometheus(ChartProgram):
     """Prometheus."""
 
     scrape_interval: Retention | None = option("time between two scrapes (default 15s)")
@@ -109,7 +109,7 @@ class Prometheus(Component):
 
 
 @attrs.frozen(kw_only=True)
-class Loki(Component):
+class Loki(ChartProgram):
     """Loki."""
 
     retention: Retention | None = option(
@@ -201,25 +201,28 @@ class Observability:
     grafana: Grafana = attrs.field(factory=Grafana, metadata={"doc": "dashboards"})
     prometheus: Prometheus = attrs.field(factory=Prometheus, metadata={"doc": "metrics"})
     loki: Loki = attrs.field(factory=Loki, metadata={"doc": "logs"})
-    otel_collector: Part = option(
+    otel_collector: StackProgram = option(
         "the collector, if it is the OpenTelemetry Collector",
         default=True,
-        accepts=bool | Part,
-        converter=part_of,
+        accepts=bool | StackProgram,
+        converter=stack_program,
     )
-    promtail: Part = option(
+    promtail: StackProgram = option(
         "the collector, if it is Promtail",
         default=True,
-        accepts=bool | Part,
-        converter=part_of,
+        accepts=bool | StackProgram,
+        converter=stack_program,
     )
-    kube_state_metrics: Part | None = option(
+    kube_state_metrics: StackProgram | None = option(
         "metrics of Kubernetes' pods and machines (default: if this stack has a Prometheus)",
-        accepts=bool | Part | None,
-        converter=attrs.converters.optional(part_of),
+        accepts=bool | StackProgram | None,
+        converter=attrs.converters.optional(stack_program),
     )
-    node_exporter: Part = option(
-        "metrics of the machines", default=False, accepts=bool | Part, converter=part_of
+    node_exporter: StackProgram = option(
+        "metrics of the machines",
+        default=False,
+        accepts=bool | StackProgram,
+        converter=stack_program,
     )
     ros_metrics: bool | RosMetrics | None = option(
         "metrics of this application's ROS graph (default: if `enabled` is true)"
@@ -240,8 +243,8 @@ class Observability:
         return self.ros_metrics if isinstance(self.ros_metrics, RosMetrics) else RosMetrics()
 
 
-def collector_part(options: Observability, name: str) -> Part:
-    part: Part = getattr(options, name.replace("-", "_"))
+def find_collector(options: Observability, name: str) -> StackProgram:
+    part: StackProgram = getattr(options, name.replace("-", "_"))
     return part
 
 

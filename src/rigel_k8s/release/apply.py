@@ -295,7 +295,7 @@ def write(run: Run, manifest: Manifest, live: Manifest | None) -> Live:
         except Conflict as error:
             if error.fields or again == TRIES - 1:
                 raise
-            live = look_again(cluster, ref, live, run.release)
+            live = read_if_ours(cluster, ref, live, run.release)
     raise AssertionError("the last try returns or raises")
 
 
@@ -329,7 +329,7 @@ def own_all(cluster: Cluster, ref: ObjectRef, live: Manifest) -> Live:
     return cluster.patch(ref, {"metadata": meta})
 
 
-def look_again(
+def read_if_ours(
     cluster: Cluster, ref: ObjectRef, live: Manifest | None, release: ReleaseId
 ) -> Live | None:
     """Return what exists by now, if it is still ours to write.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Sequence
 
 import attrs
@@ -14,8 +15,8 @@ from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.part import Look, Part, Run, order, warn_of_rights
 from rigel_k8s.release.plan import compare
 from rigel_k8s.release.refusals import verdict
-from rigel_k8s.release.survey import survey
-from rigel_k8s.release.types import DeployOptions, Plan
+from rigel_k8s.release.survey import Survey, survey
+from rigel_k8s.release.types import DeployOptions, Plan, Revision
 
 ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease
 
@@ -92,7 +93,24 @@ def refuse_or_plan(part: Part, cluster: Cluster, *, adopt: bool) -> Look:
     """Return what would be done to its objects. Raises as verdict.check."""
     found = survey(cluster, part.desired, adopt=adopt)
     verdict.check(found, adopt=adopt)
-    return Look(part, found, compare(found, keep=part.keep))
+    plan = compare(found, keep=part.keep)
+    return Look(part, found, plan, find_settled(found, plan))
+
+
+def find_settled(found: Survey, plan: Plan) -> Revision | None:
+    """Return the last revision, if it is good and as desired, and the cluster matches it.
+
+    The revisions may have been read before another deploy began, and the objects after it wrote
+    them: so the last revision's objects are compared as well.
+    """
+    last = found.last
+    if last is None or last.status != "good" or plan.changes:
+        return None
+    wanted = (revisions.choose_recordable(found.manifests), found.desired.options)
+    before, now = (
+        json.dumps(both, sort_keys=True) for both in ((last.objects, last.options), wanted)
+    )
+    return last if before == now else None
 
 
 def look_again(run: Run, seen: Look) -> Look:

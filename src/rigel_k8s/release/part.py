@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, TypeAlias
 
@@ -13,7 +12,6 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release import revisions
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.survey import Survey
 from rigel_k8s.release.types import DeployOptions, Desired, Plan, ReleaseId, Revision
@@ -131,11 +129,13 @@ class Look:
 
     Attributes:
         found: None for what others have installed.
+        settled: the last revision, if it is good and as desired, and the cluster matches it.
     """
 
     part: Part
     found: Survey | None
     plan: Plan
+    settled: Revision | None = None
     warnings: Sequence[str] = ()
 
     @property
@@ -144,23 +144,6 @@ class Look:
         if self.found is None:
             raise AssertionError("what others have installed is not written")
         return self.found
-
-    @property
-    def settled(self) -> Revision | None:
-        """The last revision, if it is good and as desired, and the cluster matches it.
-
-        The revisions may have been read before another deploy began, and the objects after it wrote
-        them: so the last revision's objects are compared as well.
-        """
-        found = self.survey
-        last = found.last
-        if last is None or last.status != "good" or self.plan.changes:
-            return None
-        wanted = (revisions.choose_recordable(found.manifests), found.desired.options)
-        before, now = (
-            json.dumps(both, sort_keys=True) for both in ((last.objects, last.options), wanted)
-        )
-        return last if before == now else None
 
     @property
     def writes(self) -> bool:

@@ -29,7 +29,7 @@ from rigel_k8s.release.rollout.causes import (
     probe_failure,
 )
 from rigel_k8s.release.rollout.readiness import readiness, readiness_among
-from rigel_k8s.release.rollout.view import Surroundings, look_around
+from rigel_k8s.release.rollout.view import Related, find_related
 from rigel_k8s.release.sources import find_changed
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import RUNNING, WORKLOADS, ReleaseId
@@ -179,15 +179,15 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         UserError: nothing of it is on the cluster.
     """
     found, beside, records = collect(cluster, release)
-    surroundings = look_around(
+    related = find_related(
         found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ())
     )
-    described = describe_release(release, found.values(), surroundings, records)
+    described = describe_release(release, found.values(), related, records)
     if described is None:
         raise no_release_error(release)
     missing = find_missing(list_owned(records), {**found, **beside})
     workloads = [live for _, kind in RUNNING for live in found[kind] if belongs(live, release)]
-    changed = find_changed(cluster, workloads, surroundings.list_newest_pods)
+    changed = find_changed(cluster, workloads, related.list_newest_pods)
     return attrs.evolve(described, missing=tuple(missing), changed=tuple(changed))
 
 
@@ -224,14 +224,14 @@ def no_release_error(release: ReleaseId) -> UserError:
 def describe_release(
     release: ReleaseId,
     found: Iterable[Iterable[Live]],
-    surroundings: Surroundings,
+    related: Related,
     records: Sequence[revisions.Record] | None,
 ) -> ReleaseStatus | None:
     """Return what of a release runs where, None where there is nothing of it; pure.
 
     Args:
         found: objects with its label, by kind.
-        surroundings: pods, ReplicaSets and warnings of its namespace.
+        related: pods, ReplicaSets and warnings of its namespace.
         records: its revisions; None for a user who may not see them.
     """
     owned = [live for kind in found for live in kind if is_applied(live)]
@@ -239,18 +239,20 @@ def describe_release(
     if not workloads and not records:
         return None
     good = revisions.find_good(records or ())
+    revision, revision_status = newest(records)
     return ReleaseStatus(
-        release,
-        *newest(records),
-        tuple(
+        release=release,
+        revision=revision,
+        revision_status=revision_status,
+        workloads=tuple(
             status
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
-            for status in describe_nodes(live, surroundings)
+            for status in describe_nodes(live, related)
         ),
-        good,
-        describe_undone(records or ()),
-        next((record for record in records or () if record.number == good), None),
+        good=good,
+        rolled_back=describe_undone(records or ()),
+        last_good=next((record for record in records or () if record.number == good), None),
     )
 
 
@@ -309,56 +311,56 @@ def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Rec
         return None
 
 
-def describe_nodes(live: Manifest, surroundings: Surroundings) -> Iterator[WorkloadStatus]:
+def describe_nodes(live: Manifest, related: Related) -> Iterator[WorkloadStatus]:
     """Yield the state of a workload, or of each node if its pods have several."""
-    whole = describe_workload(live, surroundings)
+    whole = describe_workload(live, related)
     for one in split(live):
         node = one["metadata"]["name"]
         if not shared_pod(one):
             yield whole
             continue
-        parts = [choose_part(pod, node) for pod in surroundings.list_pods(live)]
-        newest = [choose_part(pod, node) for pod in surroundings.list_newest_pods(live)]
+        parts = [choose_part(pod, node) for pod in related.list_pods(live)]
+        newest = [choose_part(pod, node) for pod in related.list_newest_pods(live)]
         yield attrs.evolve(
             whole,
             name=node,
             ready=sum(map(is_ready, newest)),
-            pods=describe_pods(parts, surroundings),
+            pods=describe_pods(parts, related),
             annotations=one["metadata"].get("annotations") or {},
         )
 
 
-def describe_workload(live: Manifest, surroundings: Surroundings) -> WorkloadStatus:
-    sets, pods = surroundings.list_sets(live), surroundings.list_pods(live)
-    newest = surroundings.list_newest_pods(live)
+def describe_workload(live: Manifest, related: Related) -> WorkloadStatus:
+    sets, pods = related.list_sets(live), related.list_pods(live)
+    newest = related.list_newest_pods(live)
     state = readiness_among(live, newest, pods)
     message, wrong = state.message, list[Cause]()
     if not (state.done and state.ok):
-        events = surroundings.list_events(live, *sets, *pods)
+        events = related.list_events(live, *sets, *pods)
         wrong = causes(live, newest, events, sets)
         message = "; ".join([message, *(cause.message for cause in wrong)])
     if halt := describe_halt(live):
         message = f"{halt}; `rigel run` with its Rigelfile puts it right"
     return WorkloadStatus(
-        live["kind"],
-        live["metadata"]["name"],
-        state.ready,
-        state.wanted,
-        state.done and state.ok and not halt,
-        message,
-        describe_pods(pods, surroundings),
-        live["metadata"].get("annotations") or {},
-        tuple(cause.kind for cause in wrong),
-        tuple(describe_drift(live)),
-        state.old_runs,
-        bool(halt),
+        kind=live["kind"],
+        name=live["metadata"]["name"],
+        ready=state.ready,
+        desired=state.wanted,
+        done=state.done and state.ok and not halt,
+        message=message,
+        pods=describe_pods(pods, related),
+        annotations=live["metadata"].get("annotations") or {},
+        kinds=tuple(cause.kind for cause in wrong),
+        drift=tuple(describe_drift(live)),
+        old_runs=state.old_runs,
+        halted=bool(halt),
     )
 
 
-def describe_pods(pods: Iterable[Manifest], surroundings: Surroundings) -> tuple[PodStatus, ...]:
+def describe_pods(pods: Iterable[Manifest], related: Related) -> tuple[PodStatus, ...]:
     """Return the state of pods, those that are being terminated last."""
     in_order = sorted(pods, key=lambda pod: (is_ending(pod), pod["metadata"]["name"]))
-    return tuple(describe_pod(pod, surroundings.list_events(pod)) for pod in in_order)
+    return tuple(describe_pod(pod, related.list_events(pod)) for pod in in_order)
 
 
 def choose_part(pod: Manifest, node: str) -> Manifest:
@@ -368,22 +370,24 @@ def choose_part(pod: Manifest, node: str) -> Manifest:
 
 
 def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
-    meta, state = pod["metadata"], pod.get("status") or {}
+    meta, spec, state = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     stopped, not_alive = find_liveness_failure(pod, events)
+    crashed, crash = ("", "") if stopped else find_crash(pod)
     return PodStatus(
-        meta["name"],
-        (pod.get("spec") or {}).get("nodeName", ""),
-        state.get("podIP", ""),
-        "Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
-        is_ready(pod),
-        sum(int(c.get("restartCount", 0)) for c in containers(state)),
-        "" if is_ready(pod) else explain_unready(pod, events, not_alive),
-        meta.get("creationTimestamp", ""),
-        next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
-        find_kind(pod, events),
-        stopped,
-        not_alive,
-        *(("", "") if stopped else find_crash(pod)),
+        name=meta["name"],
+        node=spec.get("nodeName", ""),
+        ip=state.get("podIP", ""),
+        phase="Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
+        ready=is_ready(pod),
+        restarts=sum(int(c.get("restartCount", 0)) for c in containers(state)),
+        message="" if is_ready(pod) else explain_unready(pod, events, not_alive),
+        created=meta.get("creationTimestamp", ""),
+        image=next((c.get("image", "") for c in spec.get("containers") or []), ""),
+        kind=find_kind(pod, events),
+        stopped=stopped,
+        not_alive=not_alive,
+        crashed=crashed,
+        crash=crash,
     )
 
 

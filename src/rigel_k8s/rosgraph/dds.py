@@ -5,7 +5,7 @@ metrics: they count endpoints by topic, and a picture needs to show which node h
 discovery and in ros_discovery_info, which the exporter's modules read already. So these modules are
 sent into a pod, join discovery for a few seconds, and leave. That needs no exporter and no ROS, but
 Python 3.9. The participant joins as `ros2 node list` would, without being a node: its one reader is
-for ros_discovery_info. scripts/dds_graph.py runs there; this module reads its output.
+for ros_discovery_info. rigel_exporter/dds_graph.py runs there; this module reads its output.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def choose_pods(
 
 
 def parse(answer: Mapping[str, Any]) -> RosGraph:
-    """Return the graph that scripts/dds_graph.py has printed."""
+    """Return the graph that rigel_exporter/dds_graph.py has printed."""
     publishers, subscribers = group(answer["writers"]), group(answer["readers"])
     return RosGraph(
         nodes=tuple(

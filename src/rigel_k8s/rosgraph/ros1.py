@@ -89,7 +89,7 @@ def choose_pod(pods: Sequence[GraphPod]) -> GraphPod:
 
 
 def parse(answer: Mapping[str, Any]) -> RosGraph:
-    """Return the graph that scripts/ros1_graph.py has printed."""
+    """Return the graph that rigel_inpod/sent/ros1_graph.py has printed."""
     said = {one["name"]: one for one in answer["nodes"] if not is_exporter(one["name"])}
     rates = measure_rates(said.values())
     topics = sorted({*answer["publishers"], *answer["subscribers"]})

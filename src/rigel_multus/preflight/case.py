@@ -11,7 +11,7 @@ import attrs
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.scheduling import may_run
-from rigel_multus.interfaces import Request, list_requests
+from rigel_multus.interfaces import InterfaceRequest, list_requests
 from rigel_multus.preflight.attachments import (
     Attachment,
     Range,
@@ -34,7 +34,7 @@ class Wanted:
     """
 
     workload: str
-    requests: Sequence[Request]
+    requests: Sequence[InterfaceRequest]
     pods: int = 1
     spec: Manifest = attrs.field(factory=dict)
 

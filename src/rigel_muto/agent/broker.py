@@ -63,7 +63,7 @@ class Delivery:
     session: int = 0
 
 
-class Memory:
+class CarriedOut:
     """Messages of one session that were carried out, perhaps unnoticed by the broker."""
 
     def __init__(self) -> None:
@@ -107,7 +107,7 @@ class Broker:
         self._topics = tuple(topics)
         self._reporter = reporter
         self._deliveries: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
-        self._memory = Memory()
+        self._carried_out = CarriedOut()
         self._lock = threading.Lock()
         self._connection = self._session = 0
         self._is_open = False
@@ -183,14 +183,14 @@ class Broker:
             delivery = self._deliveries.get(timeout=seconds)
         except queue.Empty:
             return None
-        if self._memory.knows(delivery):
+        if self._carried_out.knows(delivery):
             self.acknowledge(delivery)
             return None
         return delivery
 
     def acknowledge(self, delivery: Delivery) -> None:
         """Let the broker forget a message; a copy of it is not returned by `next`."""
-        self._memory.note(delivery)
+        self._carried_out.note(delivery)
         with self._lock:
             if delivery.kept and self._is_open and delivery.connection == self._connection:
                 self._client.ack(delivery.number, 1)

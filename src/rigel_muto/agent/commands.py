@@ -36,7 +36,7 @@ class Deploy:
     Attributes:
         identity: finds duplicates: of two commands with one identity the second has no effect.
             "" if the sender gave none: such a command has no duplicates.
-        stack: the text of a stack, in any form that muto/formats.py reads.
+        stack: the text of a stack, in any form that rigel_muto/formats.py reads.
         stack_id: the id of the stack, which a protocol also reads from `stack`; a Ditto or the
             agent's own files have it if `stack` is None.
         components: Symphony's components: the text of a stack by the component's name. They

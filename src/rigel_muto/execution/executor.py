@@ -49,7 +49,7 @@ MOST_DETAILS = 5
 SUPERSEDED = Outcome(Stage.SUPERSEDED, "a newer command has replaced this one")
 
 
-class Executor:
+class ReleaseExecutor:
     """Executes commands on one release.
 
     Args:
@@ -213,7 +213,7 @@ class _Task:
     """One command that is executed, and what its sender waits for."""
 
     def __init__(
-        self, executor: Executor, record: Record, prepared: Prepared | None = None
+        self, executor: ReleaseExecutor, record: Record, prepared: Prepared | None = None
     ) -> None:
         self.record = record
         self.prepared = prepared

@@ -29,7 +29,7 @@ from rigel_muto.agent.protocols.symphony import Symphony
 from rigel_muto.agent.serving import Dialect, serve
 from rigel_muto.agent.wanted import Record
 from rigel_muto.ditto import Access, Ditto
-from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.executor import ReleaseExecutor
 from rigel_muto.execution.target import DeployedJob
 
 
@@ -103,7 +103,7 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
     with connect(settings) as cluster, interruptible() as ending:
         release = application.find_release(cluster)
         memory = Memory(cluster, release, create_namespace=application.creates_namespace())
-        executor = Executor(application, memory, agent.allowance, announce)
+        executor = ReleaseExecutor(application, memory, agent.allowance, announce)
         broker = Broker(address, login, f"rigel-{agent.thing}", topics, report)
         with broker, serve_health(agent.health, lambda: broker.trouble):
             if announcer is not None:

@@ -16,7 +16,7 @@ from rigel_k8s.objects.scalars import LabelKey, LabelValue
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards
-from rigel_k8s.observability.manifests.stack import Stack as Parts
+from rigel_k8s.observability.manifests.stack import Stack as StackParts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.types import Desired
 from rigel_lab.cluster.extras import IMAGES
@@ -98,7 +98,7 @@ def ours(namespace: str) -> Desired:
     existing = Existing(prometheus=ExistingPrometheus(labels=labels), grafana=True)
     options = Observability(enabled=True, existing=existing, loki=Loki(enabled=False))
     texts = Boards(boards.dashboards(), boards.rules())
-    return stack_release(Parts(options, namespace, texts), {})
+    return stack_release(StackParts(options, namespace, texts), {})
 
 
 @pytest.fixture(scope="module")

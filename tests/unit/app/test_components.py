@@ -9,7 +9,7 @@ import pytest
 
 from rigel_k8s.app.generation import GENERATIONS, Texts
 from rigel_k8s.app.generations.ros1.commands import resolve
-from rigel_k8s.app.parts import Parts
+from rigel_k8s.app.workloads import Workloads
 from rigel_k8s.objects.workloads import ReleaseContext
 
 from .shapes import find, options, problems, release
@@ -65,7 +65,7 @@ def test_components_are_looked_for_where_they_are_nodes_of_the_graph(
     text = "{image: a, deploy_ros_master: false, nodes: {m: {components:"
     text += " {eye: {package: a, plugin: b, namespace: robot}}}}}"
     context = ReleaseContext("robots", "robot", "jazzy", GENERATIONS[ros])
-    own = Parts(options(text), context, Texts())
+    own = Workloads(options(text), context, Texts())
     assert set(own.watched_graph(own.plan(())).expected) == names
 
 

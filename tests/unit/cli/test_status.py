@@ -13,6 +13,7 @@ from rigel_exporter.expecting import BROKEN, OK, Finding
 from rigel_k8s.cli import tables
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
+from rigel_k8s.commands.status import Status
 from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import (
@@ -100,7 +101,7 @@ def test_the_revision_of_a_part_of_the_robot_is_named_with_it() -> None:
 
 def test_status_for_people() -> None:
     """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
-    text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)
+    text = status_text(Status(release(LISTENER, TALKER, WAITING, state="pending")), NOW)
     assert click.unstyle(text) == (
         "release app in namespace robots, revision 3 (pending)\n"
         "\n"
@@ -128,10 +129,10 @@ def test_pods_of_one_node_can_be_told_apart(
     ends = ("7d8f9c6b5-x2x4z", "5cb9b998c-92fsp")
     pods = [attrs.evolve(TALKER.pods[0], name=f"{name}-{end}") for end in ends]
     one, several = (attrs.evolve(TALKER, name=name, pods=tuple(pods[:n])) for n in (1, 2))
-    heads = click.unstyle(status_text(release(one), NOW)).splitlines()[2].split()
+    heads = click.unstyle(status_text(Status(release(one)), NOW)).splitlines()[2].split()
     assert "POD" not in heads
     assert {"RESTARTS", "ON"} <= {*heads}
-    rows = click.unstyle(status_text(release(several), NOW, GRAPH)).splitlines()[2:5]
+    rows = click.unstyle(status_text(Status(release(several), GRAPH), NOW)).splitlines()[2:5]
     assert max(map(len, rows)) <= 80
     for row, end in zip(rows[1:], ends, strict=True):
         assert row.startswith(f"{name}  1/1")
@@ -146,7 +147,7 @@ def test_a_pod_that_cannot_end_is_told() -> None:
     old = attrs.evolve(
         pod, name="talker-0", phase="Terminating", ready=False, kind=AWAY, message=words
     )
-    text = status_text(release(attrs.evolve(TALKER, pods=(pod, old))), NOW)
+    text = status_text(Status(release(attrs.evolve(TALKER, pods=(pod, old)))), NOW)
     assert click.unstyle(text).splitlines()[-1] == f"talker-0: {words}"
 
 
@@ -155,14 +156,14 @@ def test_a_task_is_done() -> None:
     (pod,) = TALKER.pods
     done = attrs.evolve(pod, name="spawn-1", phase="Succeeded", ready=False)
     task = WorkloadStatus("Job", "spawn", 1, 1, True, "complete", (done,))
-    lines = click.unstyle(status_text(release(TALKER, task), NOW)).splitlines()
+    lines = click.unstyle(status_text(Status(release(TALKER, task)), NOW)).splitlines()
     assert lines[4].split()[:4] == ["spawn", "-", "done", "spawn-1"]
     assert lines[-2:] == ["", "2 of 2 ready"]
 
 
 def test_nothing_runs() -> None:
     """Said in words."""
-    text = status_text(release(revision=0, state=""), NOW)
+    text = status_text(Status(release(revision=0, state="")), NOW)
     assert text == "release app in namespace robots: no revision\n\nnothing runs"
 
 
@@ -176,7 +177,7 @@ def test_orphans_and_the_way_out() -> None:
     """What roscore has forgotten never comes back by itself: the command that helps is told."""
     (pod, old) = LISTENER.pods
     orphan = attrs.evolve(pod, kind=ORPHAN)
-    text = status_text(release(attrs.evolve(LISTENER, pods=(orphan, old)), TALKER), NOW)
+    text = status_text(Status(release(attrs.evolve(LISTENER, pods=(orphan, old)), TALKER)), NOW)
     assert text.endswith(
         "roscore has restarted and forgotten listener. It comes back with\n"
         "  rigel -n robots restart --release app listener"
@@ -185,13 +186,13 @@ def test_orphans_and_the_way_out() -> None:
 
 def test_graph_in_the_table() -> None:
     """A release with DDS shows interface, address and in how many pods each node is discovered."""
-    lines = status_text(release(TALKER, WAITING), NOW, GRAPH).splitlines()
+    lines = status_text(Status(release(TALKER, WAITING), GRAPH), NOW).splitlines()
     heads = "NODE    ROS NAME  READY  POD       ON     INTERFACE  ADDRESS   DISCOVERED  RESTARTS"
     assert lines[2].startswith(heads)
     assert "node1  net1       10.1.0.5  1/2         0" in lines[3]
     assert click.unstyle(lines[4]).split() == ["camera", "-", "0/1", *["-"] * 8]
     assert "multicast from node2 does not reach node1; look at the switch [deaf]" in lines[-1]
-    assert status_json(release(TALKER), GRAPH)["graph"] == {
+    assert status_json(Status(release(TALKER), GRAPH))["graph"] == {
         "ok": False,
         "deaf": [{"from": "node2", "to": "node1"}],
         "problems": [
@@ -214,10 +215,11 @@ def test_a_graph_in_order() -> None:
     """
     order = attrs.evolve(GRAPH, problems=(), deaf=())
     assert (
-        click.unstyle(status_text(release(TALKER), NOW, order)).splitlines()[-1] == "1 of 1 ready"
+        click.unstyle(status_text(Status(release(TALKER), order), NOW)).splitlines()[-1]
+        == "1 of 1 ready"
     )
     twice = attrs.evolve(GRAPH, problems=GRAPH.problems * 2)
-    text = status_text(release(TALKER), NOW, twice)
+    text = status_text(Status(release(TALKER), twice), NOW)
     assert text.count("look at the switch") == 1
     assert text.count("[deaf]") == 2
 
@@ -226,13 +228,13 @@ def test_clocks_that_differ() -> None:
     """A line for each machine, and what to do once; nothing else changes."""
     remedy = "run chrony"
     wrong = [Problem((), f"clocks: {n}", "clocks-differ", "warning", remedy=remedy) for n in "ab"]
-    text = click.unstyle(status_text(release(TALKER), NOW, clocks=wrong))
+    text = click.unstyle(status_text(Status(release(TALKER), clocks=wrong), NOW))
     assert text.splitlines()[-2:] == [
         "clocks: a [clocks-differ]",
         "clocks: b; run chrony [clocks-differ]",
     ]
-    assert status_json(release(TALKER), clocks=wrong)["clocks"][0]["message"] == "clocks: a"
-    assert status_json(release(TALKER))["clocks"] is None
+    assert status_json(Status(release(TALKER), clocks=wrong))["clocks"][0]["message"] == "clocks: a"
+    assert status_json(Status(release(TALKER)))["clocks"] is None
 
 
 @pytest.mark.parametrize(("ready", "word"), [(True, "restarted"), (False, "stopped")])
@@ -240,7 +242,7 @@ def test_a_restart_by_the_liveness_probe_is_a_line(ready: bool, word: str) -> No
     """A count of restarts does not show why; while it waits in between, it is not restarted yet."""
     why = "/lidar has published nothing on /scan for 2.4 s"
     pod = attrs.evolve(TALKER.pods[0], ready=ready, stopped="2026-01-02T11:59:40Z", not_alive=why)
-    text = status_text(release(attrs.evolve(TALKER, pods=(pod,))), NOW)
+    text = status_text(Status(release(attrs.evolve(TALKER, pods=(pod,)))), NOW)
     line = f"talker-1: {word} by its liveness probe 20s ago: {why}"
     assert line in " ".join(click.unstyle(text).split())
 
@@ -252,7 +254,7 @@ def test_a_restart_by_the_liveness_probe_is_a_line(ready: bool, word: str) -> No
 def test_a_crash_of_the_last_hour_is_a_line(crashed: str, shown: bool) -> None:  # noqa: FBT001
     """A pod that is ready between its crashes looks well, but for a number."""
     pod = attrs.evolve(TALKER.pods[0], crashed=crashed, crash="container c exited with code 1")
-    text = status_text(release(attrs.evolve(TALKER, pods=(pod,))), NOW)
+    text = status_text(Status(release(attrs.evolve(TALKER, pods=(pod,)))), NOW)
     line = "talker-1: started again 20s ago: container c exited with code 1"
     assert (line in " ".join(click.unstyle(text).split())) is shown
 
@@ -261,26 +263,26 @@ def test_a_crash_of_the_last_hour_is_a_line(crashed: str, shown: bool) -> None: 
 def test_an_update_that_was_rolled_back_is_a_line(cause: str, end: str) -> None:
     """All is ready again, and yet what runs is not what was deployed last."""
     found = attrs.evolve(release(TALKER), rolled_back=RolledBack(2, 1, cause))
-    text = click.unstyle(status_text(found, NOW))
+    text = click.unstyle(status_text(Status(found), NOW))
     assert text.splitlines()[-1] == f"revision 2 was rolled back to revision 1{end}"
     expected = {"revision": 2, "to": 1, "cause": cause}
-    assert status_json(found)["rolled_back"] == expected
+    assert status_json(Status(found))["rolled_back"] == expected
 
 
 def test_a_topic_that_is_not_as_expected_is_a_line() -> None:
     """In the words of `rigel expect`; what is as expected is none."""
     slow = Verdict("/scan", Finding("rate", BROKEN, "8..12/s", "3.1/s"))
     good = Verdict("/scan", Finding("publishers", OK, "1", "1"))
-    text = click.unstyle(status_text(release(TALKER), NOW, expect=[slow, good]))
+    text = click.unstyle(status_text(Status(release(TALKER), expect=[slow, good]), NOW))
     assert text.split("\n\n")[-1] == "/scan: rate 3.1/s, expected 8..12/s"
-    found = status_json(release(TALKER), expect=[slow])["expect"]
+    found = status_json(Status(release(TALKER), expect=[slow]))["expect"]
     expected = {"topic": "/scan", "what": "rate", "state": BROKEN, "expected": "8..12/s"}
     assert found == [{**expected, "measured": "3.1/s"}]
 
 
 def test_status_for_scripts() -> None:
     """The shape that docs/cli.md promises."""
-    found = status_json(release(TALKER))
+    found = status_json(Status(release(TALKER)))
     (workload,) = found.pop("workloads")
     assert found == {
         "release": "app",
@@ -326,7 +328,7 @@ def test_status_for_scripts() -> None:
         "crashed": "",
         "crash": "",
     }
-    assert status_json(release(TALKER, WAITING))["ready"] is False
+    assert status_json(Status(release(TALKER, WAITING)))["ready"] is False
 
 
 @pytest.mark.parametrize(
@@ -350,7 +352,7 @@ def test_ages(seconds: int, text: str) -> None:
 
 def lines_of(**knows: Any) -> list[str]:
     """Return what status says below the table of a release whose gate knows this."""
-    text = click.unstyle(status_text(release(TALKER), NOW, gate=GateStatus(**knows)))
+    text = click.unstyle(status_text(Status(release(TALKER), gate=GateStatus(**knows)), NOW))
     return text.split("\n\n", 2)[2].splitlines() if text.count("\n\n") > 1 else []
 
 

@@ -23,8 +23,8 @@ from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
 from rigel_k8s.commands import fleet, pods, releases, targets
 from rigel_k8s.commands import run as runs
-from rigel_k8s.commands.logs import history as logs
 from rigel_k8s.commands.logs import lines as log_lines
+from rigel_k8s.commands.logs import reading as logs
 from rigel_k8s.errors import ProblemsError, UserError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.logs.history import Edge
 from rigel_k8s.commands.logs.lines import LogOptions
+from rigel_k8s.commands.logs.reading import Edge
 from rigel_k8s.kube.failures import refusal
 from rigel_k8s.observability.options import Existing, ExistingLoki, Observability
 from rigel_k8s.observability.reading.doors import target_port
-from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, explain, part_of
+from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, choose_service, explain
 
 POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
 
@@ -57,7 +57,7 @@ def test_what_was_there_before_is_asked_where_it_is_a_service(
 ) -> None:
     """As the job's `existing` names it, which pods would resolve the same way."""
     options = Observability(existing=Existing(loki=ExistingLoki(url=url)))
-    part = part_of(None, "loki", options)  # type: ignore[arg-type]
+    part = choose_service(None, "loki", options)  # type: ignore[arg-type]
     assert (part.name, part.namespace, part.port, part.prefix) == ("loki", namespace, port, prefix)
 
 
@@ -73,7 +73,7 @@ def test_what_the_api_server_cannot_pass_on_is_told(more: dict[str, str], words:
     """It has reasons of its own not to be asked."""
     options = Observability(existing=Existing(loki=ExistingLoki(**more)))  # type: ignore[arg-type]
     with pytest.raises(NoStack, match=words):
-        part_of(None, "loki", options)  # type: ignore[arg-type]
+        choose_service(None, "loki", options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

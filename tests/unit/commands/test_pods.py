@@ -11,7 +11,7 @@ import attrs
 import pytest
 
 from rigel_k8s.commands import pods
-from rigel_k8s.commands.logs.history import run_of
+from rigel_k8s.commands.logs.reading import run_of
 from rigel_k8s.commands.pods import (
     choose_running,
     explain_forward,

@@ -14,7 +14,7 @@ from rigel_k8s.commands import pods, releases, top
 from rigel_k8s.commands import status as reading
 from rigel_k8s.commands.dev import session
 from rigel_k8s.commands.join.pod import find_deployment
-from rigel_k8s.commands.logs import history as logs
+from rigel_k8s.commands.logs import reading as logs
 from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.commands.ros.live import Live
 from rigel_k8s.commands.status import Status

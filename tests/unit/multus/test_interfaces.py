@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_multus.interfaces import (
-    Request,
+    InterfaceRequest,
     find_without_interface,
     list_requests,
     requests_of,
@@ -52,7 +52,7 @@ def test_addresses() -> None:
     """Static addresses are read as they are written."""
     text = '[{"name": "x", "namespace": "lab", "ips": ["10.1.0.5/24"]}]'
     requests = list_requests({"k8s.v1.cni.cncf.io/networks": text}, "robot")
-    assert requests == [Request("lab/x", ("10.1.0.5/24",))]
+    assert requests == [InterfaceRequest("lab/x", ("10.1.0.5/24",))]
 
 
 @pytest.mark.parametrize(

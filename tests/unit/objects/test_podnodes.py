@@ -10,7 +10,7 @@ from rigel_k8s.commands.pods import find_matching, pod_of
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.podnodes import note_nodes, split
 from rigel_k8s.release.rollout.causes import find_turn, probe_failure
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import describe_nodes
 from rigel_k8s.rosgraph.pods import expected_nodes, mark_shared, read_pods
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
@@ -114,9 +114,9 @@ def test_a_deployment_promises_all_its_nodes() -> None:
 
 def test_status_has_a_row_for_each_node() -> None:
     """Whose pods are ready is counted for the node."""
-    found = list(describe_nodes(make_deployment(), look_around([], [])))
+    found = list(describe_nodes(make_deployment(), find_related([], [])))
     assert [one.name for one in found] == list(NAMES)
-    surroundings = look_around(
+    related = find_related(
         [
             {
                 "kind": "ReplicaSet",
@@ -125,7 +125,7 @@ def test_status_has_a_row_for_each_node() -> None:
         ],
         [make_pod()],
     )
-    found = list(describe_nodes(make_deployment(), surroundings))
+    found = list(describe_nodes(make_deployment(), related))
     assert [[pod.ready for pod in one.pods] for one in found] == [[True], [False]]
     assert [one.annotations["rigel-k8s/ros-name"] for one in found] == list(NAMES.values())
 

@@ -21,6 +21,7 @@ from rigel_k8s.cli.listing import summary_table
 from rigel_k8s.cli.status import status_text
 from rigel_k8s.cli.tables import age
 from rigel_k8s.commands.pods import find_matching, pod_of
+from rigel_k8s.commands.status import Status
 from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
@@ -170,7 +171,7 @@ def list_uses(fake: FakeCluster, chance: random.Random) -> Iterator[Callable[[],
 
     def show_status() -> None:
         found = status(fake, RELEASE)
-        status_text(found, NOW)
+        status_text(Status(found), NOW)
         for one in found.workloads:
             node_entry(one, [])
 

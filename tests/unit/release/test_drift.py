@@ -8,6 +8,7 @@ import click
 import pytest
 
 from rigel_k8s.cli.status import status_text
+from rigel_k8s.commands.status import Status
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.drift import describe_drift
 from rigel_k8s.release.look import look_at
@@ -184,8 +185,8 @@ def test_what_someone_has_deleted_is_missing(fake: FakeCluster, report: Any, kin
     found = status(fake, RELEASE)
     line = f"{kind} talker is missing: someone has deleted it; `rigel run` makes it again"
     assert (found.missing, found.ok) == ((line,), False)
-    assert line in click.unstyle(status_text(found))
-    assert "of 2 ready" not in status_text(found)
+    assert line in click.unstyle(status_text(Status(found)))
+    assert "of 2 ready" not in status_text(Status(found))
 
     deploy(wanted, fake, report=report)
     assert status(fake, RELEASE).ok

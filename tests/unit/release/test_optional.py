@@ -12,7 +12,7 @@ from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.causes import Cause
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.standing import GRACE, Standing
-from rigel_k8s.release.rollout.view import Surroundings
+from rigel_k8s.release.rollout.view import Related
 from rigel_k8s.release.status import WorkloadStatus
 from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder
@@ -38,7 +38,7 @@ def look(standing: Standing, now: float, *ready: ObjectRef) -> bool:
         }
         for one in standing.targets
     }
-    standing.look(live, Surroundings(), now)
+    standing.look(live, Related(), now)
     return standing.is_enough(now)
 
 

@@ -11,7 +11,7 @@ from rigel_k8s.release.rollout.causes import Cause, causes, find_last_words, pro
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.readiness import readiness, readiness_among, readiness_without
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.view import look_around, pods_of
+from rigel_k8s.release.rollout.view import find_related, pods_of
 from tests.support.manifests import ref
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
@@ -363,8 +363,8 @@ def test_the_events_of_a_claim_tell_why_it_has_no_volume() -> None:
     waits["spec"]["volumes"] = [{"name": "d", "persistentVolumeClaim": {"claimName": "data"}}]
     about = {"kind": "PersistentVolumeClaim", "name": "data", "uid": "uid-c"}
     words = event("", "ProvisioningFailed", 'storageclass "x" not found')
-    around = look_around([], [waits], [{**words, "involvedObject": about}])
-    [found] = causes(live("Deployment", {}), [waits], around.list_events(waits))
+    related = find_related([], [waits], [{**words, "involvedObject": about}])
+    [found] = causes(live("Deployment", {}), [waits], related.list_events(waits))
     message = 'claim data has no volume: storageclass "x" not found'
     assert (found.kind, found.message) == ("claim", message)
 
@@ -421,14 +421,14 @@ def test_a_crash_counts_when_the_controller_has_seen_the_change() -> None:
     labels = {"controller-revision-hash": "1"}
     crashed = pod("x-0", "u", **container(ended(127)))
     crashed["metadata"]["labels"] = labels
-    around = look_around([], [crashed])
+    related = find_related([], [crashed])
 
     def look(seen: int) -> list[str]:
         status = {"observedGeneration": seen, "updateRevision": "1"}
         there = live("StatefulSet", status)
         standing = Standing({one: there})
         standing.rolling.add(one)
-        standing.look({one: there}, around, 1.0)
+        standing.look({one: there}, related, 1.0)
         return [cause.kind for _, cause in standing.find_causes()] + [*map(str, standing.unsteady)]
 
     assert look(1) == []

@@ -13,7 +13,7 @@ import pytest
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import describe_workload
 from rigel_k8s.release.types import InventoryItem, Revision
 from tests.support.fake_cluster import FakeCluster
@@ -99,8 +99,8 @@ def count_calls(count: int) -> int:
     found = crowd(count)
     profile = cProfile.Profile()
     profile.enable()
-    around = look_around(found["ReplicaSet"], found["Pod"], found["Event"])
-    told = [describe_workload(live, around) for live in found["Deployment"]]
+    related = find_related(found["ReplicaSet"], found["Pod"], found["Event"])
+    told = [describe_workload(live, related) for live in found["Deployment"]]
     profile.disable()
     assert all("FailedMount: no volume" in one.message for one in told)
     return int(vars(pstats.Stats(profile))["total_calls"])

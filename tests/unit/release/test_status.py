@@ -8,10 +8,11 @@ import click
 import pytest
 
 from rigel_k8s.cli.status import status_text
+from rigel_k8s.commands.status import Status
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import AWAY, describe_pod, describe_workload, status
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running
@@ -51,7 +52,7 @@ def test_living_pods_come_before_those_that_end() -> None:
     )
     old["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
     talker = {**workload(), "metadata": {"name": "talker", "uid": "w"}}
-    found = describe_workload(talker, look_around([], [old, new]))
+    found = describe_workload(talker, find_related([], [old, new]))
     assert [pod.name for pod in found.pods] == ["b-new", "a-old"]
 
 
@@ -164,7 +165,7 @@ def test_the_old_version_of_a_failed_update_without_a_cause_runs(
     deploy(desired(rolling("driver", "app:1")), fake, report=report)
     with pytest.raises(RolloutFailed):
         deploy(desired(rolling("driver", "app:2")), fake, report=report, timeout=0.5)
-    head = click.unstyle(status_text(status(fake, RELEASE))).split("\n\n")[0]  # type: ignore[arg-type]
+    head = click.unstyle(status_text(Status(status(fake, RELEASE)))).split("\n\n")[0]  # type: ignore[arg-type]
     assert head.endswith("revision 2 (failed); revision 1 still runs")
 
 
@@ -172,7 +173,7 @@ def test_the_status_of_a_failed_update_is_as_good_as_the_robot(
     fake: FakeCluster, failed: RolloutFailed
 ) -> None:
     """READY is each pod's; the version that runs comes first, and one cause is one line."""
-    text = click.unstyle(status_text(status(fake, RELEASE)))  # type: ignore[arg-type]
+    text = click.unstyle(status_text(Status(status(fake, RELEASE))))  # type: ignore[arg-type]
     head, table, reason = text.split("\n\n")
     assert head.endswith("revision 2 (failed); revision 1 still runs")
     rows = [line.split() for line in table.splitlines()[1:]]
@@ -270,7 +271,7 @@ def test_drift_is_a_line_of_the_status(fake: FakeCluster, report: Any) -> None:
     fake.settle()
     found = status(fake, RELEASE)  # type: ignore[arg-type]
     assert [w.ok for w in found.workloads] == [True]
-    assert click.unstyle(status_text(found)).endswith(
+    assert click.unstyle(status_text(Status(found))).endswith(
         "1 of 1 ready\n\n"
         "talker was changed by kubectl-patch: replicas 2; `rigel run --adopt` undoes it"
     )

@@ -13,7 +13,7 @@ from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import STEADY, CrashLog, Standing
-from rigel_k8s.release.rollout.view import ReleaseView, look_around
+from rigel_k8s.release.rollout.view import ReleaseView, find_related
 from tests.support.clock import Leap, leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -47,8 +47,8 @@ def test_ready_between_two_crashes_is_not_ready(fake: FakeCluster) -> None:
             kind: [live for live in fake.objects.values() if live["kind"] == kind]
             for kind in ("ReplicaSet", "Pod")
         }
-        around = look_around(of_kind["ReplicaSet"], of_kind["Pod"])
-        standing.look({TALKER: fake.objects[TALKER]}, around, now)
+        related = find_related(of_kind["ReplicaSet"], of_kind["Pod"])
+        standing.look({TALKER: fake.objects[TALKER]}, related, now)
         return standing.is_ready(TALKER)
 
     for count in (1, 2):
@@ -65,16 +65,16 @@ def test_ready_before_its_pod_was_seen_is_not_enough(fake: FakeCluster) -> None:
     """The watch of Deployments may be ahead of that of pods, which shows a crash."""
     fake.apply(workload())
     standing = Standing({TALKER: fake.objects[TALKER]})
-    standing.look({TALKER: fake.objects[TALKER]}, look_around([], []), 1000.0)
+    standing.look({TALKER: fake.objects[TALKER]}, find_related([], []), 1000.0)
     fake.settle()
     live, sets = {TALKER: fake.objects[TALKER]}, fake.list("apps/v1", "ReplicaSet", "n")
-    standing.look(live, look_around(sets, []), 1001.0)
+    standing.look(live, find_related(sets, []), 1001.0)
     assert standing.is_enough(1001.0)
     assert standing.list_unseen() == [TALKER]
     with ReleaseView(fake, "n", 1.0) as view:  # type: ignore[arg-type]
         assert not wait.sees_pods(view, standing, 1001.5)
         assert wait.sees_pods(view, standing, 1001.0 + wait.BEHIND)
-    standing.look(live, look_around(sets, fake.list("v1", "Pod", "n")), 1002.0)
+    standing.look(live, find_related(sets, fake.list("v1", "Pod", "n")), 1002.0)
     assert standing.list_unseen() == []
 
 
@@ -123,11 +123,11 @@ def test_the_old_pod_of_a_recreate_is_none_of_the_newest(fake: FakeCluster) -> N
     fake.apply(workload(image="app:1"))
     fake.settle()
     sets, pods = fake.list("apps/v1", "ReplicaSet", "n"), fake.list("v1", "Pod", "n")
-    around, live = look_around(sets, pods), fake.objects[TALKER]
-    assert around.list_newest_pods(live) == pods
+    related, live = find_related(sets, pods), fake.objects[TALKER]
+    assert related.list_newest_pods(live) == pods
     live["spec"]["template"]["spec"]["containers"][0]["image"] = "app:2"
-    assert around.list_pods(live) == pods
-    assert around.list_newest_pods(live) == []
+    assert related.list_pods(live) == pods
+    assert related.list_newest_pods(live) == []
 
 
 def test_a_crash_is_shown_once_whatever_its_last_words(

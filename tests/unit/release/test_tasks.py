@@ -14,7 +14,7 @@ from rigel_k8s.release.difference import difference
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.rollout.readiness import readiness_without
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import DeployOptions
 from tests.support.controllers import Controllers, ended, running
@@ -132,11 +132,11 @@ def test_a_failed_pod_is_no_end_before_the_job_says_so(cluster: Any, machine: Ma
     owner = {"uid": "j", "controller": True}
     pod = {"metadata": {"name": "p", "uid": "p", "ownerReferences": [owner]}, "spec": {}}
     pod["status"] = ended({"spec": {"containers": [{"name": "node"}]}}, 1)
-    around = look_around([], [pod])
-    standing.look({JOB: live}, around, 0.0)
+    related = find_related([], [pod])
+    standing.look({JOB: live}, related, 0.0)
     assert list(standing.find_causes()) == []
     live["status"] = {"conditions": [{"type": "Failed", "status": "True", "message": "limit"}]}
-    standing.look({JOB: live}, around, 0.0)
+    standing.look({JOB: live}, related, 0.0)
     assert [cause.kind for _, cause in standing.find_causes()] == ["failed"]
 
 

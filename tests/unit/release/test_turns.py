@@ -13,7 +13,7 @@ from rigel_k8s.release.rollout import wait as waiting
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.patience import Ledger, Patience
 from rigel_k8s.release.rollout.standing import Standing
-from rigel_k8s.release.rollout.view import REPLICA_SET, Surroundings
+from rigel_k8s.release.rollout.view import REPLICA_SET, Related
 from tests.support.manifests import desired, ref, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import make_run
@@ -50,10 +50,10 @@ class View:
         status = {"replicas": 2 - ready, "updatedReplicas": 1, "availableReplicas": 1}
         return {**made, "metadata": {**made["metadata"], "uid": "w"}, "status": status}
 
-    def look_around(self) -> Surroundings:
+    def find_related(self) -> Related:
         pod = {"metadata": {"name": "robot-2", "uid": "p"}, "spec": {}, "status": {}}
         about = {"involvedObject": {"uid": "p"}, "reason": "Unhealthy", "message": self.says}
-        return Surroundings(pods={"w": [pod]}, events={"p": [about]})
+        return Related(pods={"w": [pod]}, events={"p": [about]})
 
     def watch(self, *_: Any, **__: Any) -> None: ...
 

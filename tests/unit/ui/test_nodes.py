@@ -9,7 +9,7 @@ import pytest
 from rigel_k8s.objects.marks import FIELD_MANAGER, OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.rollout.view import look_around
+from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import ReleaseStatus, describe_workload
 from rigel_k8s.release.types import ReleaseId
 from rigel_ui.nodes import node_entry, release_entry
@@ -60,8 +60,8 @@ def entry(
 ) -> dict[str, Any]:
     owner = {"uid": "d", "controller": True}
     replica_set = {"metadata": {"name": "rs", "uid": "rs", "ownerReferences": [owner]}}
-    around = look_around([replica_set], pods, events or [])
-    return node_entry(describe_workload(live, around), pods, **more)
+    related = find_related([replica_set], pods, events or [])
+    return node_entry(describe_workload(live, related), pods, **more)
 
 
 def warning(reason: str, message: str) -> Manifest:
@@ -98,7 +98,7 @@ def test_what_someone_has_stopped_is_not_well(
     live["metadata"]["managedFields"] = [
         {"manager": FIELD_MANAGER, "operation": "Apply", "fieldsV1": ours}
     ]
-    workload = describe_workload(live, look_around([], []))
+    workload = describe_workload(live, find_related([], []))
     found = node_entry(workload, [])
     assert (found["state"], found["brief"]) == (state, found["cause"])
     assert found["brief"].startswith(words)
@@ -241,7 +241,7 @@ def test_a_release_is_well_without_what_is_optional() -> None:
     """As `rigel status` says."""
 
     def whole(**notes: str) -> dict[str, Any]:
-        workload = describe_workload(deployment(**notes), look_around([], []))
+        workload = describe_workload(deployment(**notes), find_related([], []))
         found = ReleaseStatus(ReleaseId("n", "demo"), 1, "good", (workload,))
         return release_entry(found, {"talker": node_entry(workload, [])}, changing="")
 

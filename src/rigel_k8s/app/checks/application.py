@@ -73,11 +73,11 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_contradictions(options, ros, distro)
     yield from check_security(options)
     yield from check_network_policy(options)
-    yield from check_names(options, ros, distro)
+    yield from check_shared_names(options, ros, distro)
     yield from check_volumes(options)
     yield from check_pods(options, ros)
     yield from check_hand_over(options, ros, distro)
-    yield from check_readiness(("readiness",), options.readiness)
+    yield from check_own_probes(("readiness",), options.readiness)
     if isinstance(options.readiness, Readiness) and options.readiness.rates:
         message = "rates are those of a node: set `readiness: {rates: ...}` at one of `nodes`"
         yield Problem(("readiness", "rates"), message, "no-application", at_key=True)
@@ -99,7 +99,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
         problems = [
             *check_node(str(key), options, ros),
             *check_update(("update",), node.update, ros.of_node(node), anonymous=node.anonymous),
-            *check_readiness(("readiness",), node.readiness),
+            *check_own_probes(("readiness",), node.readiness),
             *check_patch(("patch",), node.patch, "Job" if node.kind else "Deployment"),
         ]
         yield from (problem.under(path) for problem in problems)
@@ -132,7 +132,9 @@ def check_version(options: OrchestrationOptions, ros: Generation, distro: str) -
         yield Problem(("ros_version",), message, "conflict")
 
 
-def check_names(options: OrchestrationOptions, ros: Generation, distro: str) -> Iterator[Problem]:
+def check_shared_names(
+    options: OrchestrationOptions, ros: Generation, distro: str
+) -> Iterator[Problem]:
     """Yield names that two things would share: Kubernetes names, and ROS names."""
     taken = {one.identity.name: one.title for one in ros.companions(options, distro)}
     if has_application(options):
@@ -307,7 +309,7 @@ def check_expectations(options: OrchestrationOptions, ros: Generation) -> Iterat
             yield Problem(("expect", str(topic), "else"), message, "no-graph", at_key=True)
 
 
-def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
+def check_own_probes(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
     """Yield checks that contradict each other or cannot be read."""
     if not isinstance(readiness, Readiness):
         return

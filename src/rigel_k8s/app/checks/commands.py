@@ -22,6 +22,7 @@ from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity
+from rigel_k8s.ros import ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.substitution_args import (
     FORMS,
     find_expressions,
@@ -110,7 +111,7 @@ def check_variables(node: NodeOptions) -> Iterator[Problem]:
             yield Problem(("env", place), message, "no-substitution", severity="warning")
 
 
-def check_parameters(options: ParameterOptions, ros: Generation) -> Iterator[Problem]:
+def check_parameter_options(options: ParameterOptions, ros: Generation) -> Iterator[Problem]:
     """Yield files without a path, commands without a word, and what the generation refuses."""
     yield from ros.check_parameters(options)
     for index, entry in enumerate(map(file_of, options.parameter_files)):
@@ -211,7 +212,6 @@ OTHERS = (
     *("-e", "--enclave"),
 )
 SWITCHES = re.compile(r"--(en|dis)able-(rosout|stdout|external-lib)-logs")
-FLAG = "--ros-args"
 #: A parameter, or a remapping of a private name. ROS 2 reads other remappings without a flag, too.
 ROS1_FORM = re.compile(r"(_[A-Za-z]|~(?!/))\w*:=")
 LAUNCH_FILE = re.compile(r"\.launch(\.\w+)?$")
@@ -267,7 +267,7 @@ def check_words(node: NodeOptions) -> Iterator[Problem]:
         yield Problem(("executable",), message, "bad-command", at_key=True)
     if joined := next(filter(JOINED.fullmatch, line[bool(program) :]), None):
         message = f'"{joined}" is one word, which a program does not take apart: write two'
-        severity: Severity = "error" if FLAG in line[: line.index(joined)] else "warning"
+        severity: Severity = "error" if ROS_ARGS in line[: line.index(joined)] else "warning"
         yield Problem(line_path(node), message, "one-word", severity=severity, at_key=True)
     text = find_text(line if program else ())
     if text[1:] and not set(" $") & set(text[0]):
@@ -284,18 +284,18 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
         fault: str | None = None
         severity: Severity = "error"
         if option:
-            fault, option = explain_value(ros, option, word), ""
-        elif word in (FLAG, "--"):
-            reads = word == FLAG
+            fault, option = explain_option_value(ros, option, word), ""
+        elif word in (ROS_ARGS, ROS_ARGS_END):
+            reads = word == ROS_ARGS
         elif reads and word in (*PARAMETERS, *REMAPPINGS, *OTHERS):
             option = word
         elif reads and not SWITCHES.fullmatch(word) and not is_filled_in(word):
-            fault = f'ROS 2 does not know "{word}" behind {FLAG}: write -p or -r before it, or --'
-        elif not reads and ROS1_FORM.match(word):
             fault = (
-                f'"{word}" is the form of ROS 1: write {FLAG} -p NAME:=VALUE, or -r ~/NAME:=TOPIC'
+                f'ROS 2 does not know "{word}" behind {ROS_ARGS}: write -p or -r before it, or --'
             )
-            severity = "warning"
+        elif not reads and ROS1_FORM.match(word):
+            instead = f"{ROS_ARGS} -p NAME:=VALUE, or -r ~/NAME:=TOPIC"
+            fault, severity = f'"{word}" is the form of ROS 1: write {instead}', "warning"
         if fault:  # it may have changed the meaning of the others
             yield Problem(line_path(node), fault, "ros-args", severity=severity, at_key=True)
             return
@@ -304,7 +304,7 @@ def check_ros_arguments(node: NodeOptions, ros: Generation) -> Iterator[Problem]
         yield Problem(line_path(node), fault, "ros-args", at_key=True)
 
 
-def explain_value(ros: Generation, option: str, value: str) -> str | None:
+def explain_option_value(ros: Generation, option: str, value: str) -> str | None:
     """Return why rcl refuses the value of an option, None if it accepts it."""
     left, _, right = value.partition(":=")
     if option in OTHERS or is_filled_in(value):

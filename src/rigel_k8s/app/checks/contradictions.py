@@ -33,6 +33,7 @@ from rigel_k8s.objects.overlay import containers_of, list_mappings
 from rigel_k8s.objects.scalars import RosUri
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity
+from rigel_k8s.ros import ROS_ARGS, ROS_ARGS_END
 
 KIND = "contradiction"
 DOMAIN = "ROS_DOMAIN_ID"
@@ -45,7 +46,7 @@ ENDPOINTS = "connect/endpoints"
 
 
 @attrs.frozen
-class Verdict:
+class Flaw:
     """What is wrong with a value."""
 
     message: str
@@ -100,7 +101,7 @@ class Release:
 
 
 @attrs.frozen
-class Place:
+class Subject:
     """A node, or the one application, among what is set for it.
 
     Attributes:
@@ -130,7 +131,7 @@ class Place:
         return full_name(self.key, self.node)
 
 
-Rule = Callable[[Place, str | None], Verdict | None]
+Rule = Callable[[Subject, str | None], Flaw | None]
 
 
 def check_contradictions(
@@ -145,36 +146,38 @@ def check_contradictions(
     pods = len({node.pod or key for key, node in nodes.items()}) + int(has_application(options))
     pods += sum(int(node.replicas) - 1 for node in nodes.values() if node.replicas)
     release = Release(options, distro, pods, domains, "" if ros.dds else master_uri(options))
-    places = list(places_of(options, ros, release))
-    apart = pods > 1 and not all(place.on_machine for place in places)
+    subjects = list(subjects_of(options, ros, release))
+    apart = pods > 1 and not all(subject.on_machine for subject in subjects)
     if apart and options.ros_master_uri and is_local(find_host(options.ros_master_uri)):
         message = "each pod would look for a master in itself: write the address of its machine"
         yield Problem(("ros_master_uri",), message, KIND)
-    for place in places:
-        rules = RULES.get(place.ros.name, {})
-        for given in list_given(place):
-            verdict = rules[given.name](place, given.value) if given.name in rules else None
-            if verdict is None:
+    for subject in subjects:
+        rules = RULES.get(subject.ros.name, {})
+        for given in list_given(subject):
+            flaw = rules[given.name](subject, given.value) if given.name in rules else None
+            if flaw is None:
                 continue
-            path, message, severity = given.path, verdict.message, verdict.severity
+            path, message, severity = given.path, flaw.message, flaw.severity
             if given.name == DOMAIN and has_template(given.value or ""):
                 # Nothing is said if this waits for data, too.
-                path, message = ("network", "domain_id"), f"{place.key}: {message}"
+                path, message = ("network", "domain_id"), f"{subject.key}: {message}"
             yield Problem(path, message, KIND, severity=severity, at_key=given.at_key)
-        yield from check_naming(place)
-        yield from check_master(place)
+        yield from check_naming(subject)
+        yield from check_master(subject)
 
 
-def places_of(options: OrchestrationOptions, ros: Generation, release: Release) -> Iterator[Place]:
+def subjects_of(
+    options: OrchestrationOptions, ros: Generation, release: Release
+) -> Iterator[Subject]:
     """Yield the nodes and the application."""
     for key, node in options.nodes.items():
         path: Path = ("nodes", str(key))
         container = object_name(str(key)) if node.pod else NODE_CONTAINER
         own = ros.of_node(node)
-        yield Place(str(key), node, own, release, container, path, (*path, "patch"))
+        yield Subject(str(key), node, own, release, container, path, (*path, "patch"))
     if has_application(options):
         node, path = application_options(options), ("additional_k8s_params", "application")
-        yield Place(None, node, ros, release, APP_CONTAINER, path, path)
+        yield Subject(None, node, ros, release, APP_CONTAINER, path, path)
 
 
 def literals(node: NodeOptions) -> Iterator[tuple[str, str]]:
@@ -184,34 +187,34 @@ def literals(node: NodeOptions) -> Iterator[tuple[str, str]]:
             yield name, str(value)
 
 
-def list_given(place: Place) -> Iterator[Given]:
+def list_given(subject: Subject) -> Iterator[Given]:
     """Yield the variables that a user sets for a container: `env`, the patch, the command line."""
-    node = place.node
+    node = subject.node
     for index, (name, source) in enumerate(entries(node.env)):
         where: Path = (name,) if isinstance(node.env, Mapping) else (index,)
-        yield Given(name, read(source.get("value")), (*place.path, "env", *where))
+        yield Given(name, read(source.get("value")), (*subject.path, "env", *where))
     for at, one in enumerate(containers_of(node.patch)):
-        if one.get("name") != place.container:
+        if one.get("name") != subject.container:
             continue
         for index, item in enumerate(list_mappings(one.get("env"))):
-            where = (*place.patch, "spec", "template", "spec", "containers", at, "env", index)
+            where = (*subject.patch, "spec", "template", "spec", "containers", at, "env", index)
             value = "" if item.keys() == {"name"} else item.get("value")
             yield Given(str(item.get("name")), read(value), where)
-    if place.key is not None:
-        yield from list_assigned(place)
+    if subject.key is not None:
+        yield from list_assigned(subject)
 
 
-def list_assigned(place: Place) -> Iterator[Given]:
+def list_assigned(subject: Subject) -> Iterator[Given]:
     """Yield the variables that a command line sets: of env, of a shell, of ROS 1's arguments."""
-    line = place.ros.find_program(place.node)
-    path = (*place.path, line_key(place.node))
+    line = subject.ros.find_program(subject.node)
+    path = (*subject.path, line_key(subject.node))
     if any(PurePosixPath(word).name in (*SHELLS, "env") for word in line):  # or below another one
         text = " ".join(line)
-        for name in RULES.get(place.ros.name, {}):
+        for name in RULES.get(subject.ros.name, {}):
             pattern = rf"""(?:^|[\s;&|("'])({name})=("[^"]*"|'[^']*'|[^\s;&|)"']*)"""
             for found in re.finditer(pattern, text):
                 yield Given(name, read(found[2].strip("\"'")), path, at_key=True)
-    elif not place.ros.dds:
+    elif not subject.ros.dds:
         for word in line:
             name, mark, value = word.partition(":=")
             if mark and name in ROS1_ARGUMENTS:
@@ -232,15 +235,15 @@ def read(value: Any) -> str | None:
 # ROS 2
 
 
-def explain_domain(place: Place, value: str | None) -> Verdict | None:
+def explain_domain(subject: Subject, value: str | None) -> Flaw | None:
     """Compare a domain with the release's."""
-    release, mode = place.release, place.release.mode
+    release, mode = subject.release, subject.release.mode
     network = release.network
-    known = domain(network, place.ros, "") if network else None
+    known = domain(network, subject.ros, "") if network else None
     chosen = network is not None and (network.domain_id is not None or not mode.own_domain)
     unread = value is None or has_template(value)
     if value and not unread and not (DECIMAL.fullmatch(value) and int(value) <= LAST_DOMAIN):
-        return Verdict(f'"{value}" is not a DDS domain: a whole number from 0 to {LAST_DOMAIN}')
+        return Flaw(f'"{value}" is not a DDS domain: a whole number from 0 to {LAST_DOMAIN}')
     if known is None or (chosen and value == str(known)) or (unread and not mode.own_domain):
         return None
     number = "N" if value is None else f'"{value}"' if unread else str(int(value or 0))
@@ -250,17 +253,17 @@ def explain_domain(place: Place, value: str | None) -> Verdict | None:
     if mode.domain_bound:
         why = f"{mode.domain_bound} {ours}"
         if unread and chosen:
-            return None if value else Verdict(f"{why}, and no one knows this one", "warning")
-        return Verdict(f"the node {where}, and {why}, so no node finds it: {instead}")
+            return None if value else Flaw(f"{why}, and no one knows this one", "warning")
+        return Flaw(f"the node {where}, and {why}, so no node finds it: {instead}")
     if unread or len(set(release.domains)) < 2:
         return None
     message = f"the node {where}, and nodes in {ours} do not find it: {instead}"
-    return Verdict(message, "warning")
+    return Flaw(message, "warning")
 
 
-def explain_middleware(place: Place, value: str | None) -> Verdict | None:
+def explain_middleware(subject: Subject, value: str | None) -> Flaw | None:
     """Compare a middleware with the one that the network configures."""
-    release, mode = place.release, place.release.mode
+    release, mode = subject.release, subject.release.mode
     if value is None or has_template(value):
         return None
     given = middleware_name(value.replace("_dynamic", ""))
@@ -268,21 +271,21 @@ def explain_middleware(place: Place, value: str | None) -> Verdict | None:
         given = None
     elif value.replace("_dynamic", "") != MIDDLEWARE[given]:
         message = f'"{value}" is not a name of ROS: write {MIDDLEWARE[given]}, or set `middleware:'
-        return Verdict(f"{message} {given}` at the job")
+        return Flaw(f"{message} {given}` at the job")
     expected = release.middleware
     if not value or (expected is None and given != "zenoh") or given == expected:
         return None
     if expected is None:
-        own_router = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"} & names_of(place.node)
+        own_router = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"} & names_of(subject.node)
         if own_router or (not mode.connects and (release.network or release.pods < 2)):
             return None
-        return Verdict("zenoh needs a router: remove it, and set `network: zenoh`, which has one")
+        return Flaw("zenoh needs a router: remove it, and set `network: zenoh`, which has one")
     by = "middleware" if release.options.middleware else "network"
     word = release.options.middleware or mode.name
     message = f"`{by}: {word}` configures {expected} only: remove it"
     if mode.middleware is None and given:
         message += f", or set `middleware: {given}` at the job"
-    return Verdict(message, "error" if mode.connects else "warning")
+    return Flaw(message, "error" if mode.connects else "warning")
 
 
 def names_of(node: NodeOptions) -> set[str]:
@@ -290,41 +293,41 @@ def names_of(node: NodeOptions) -> set[str]:
     return {name for name, _ in entries(node.env)}
 
 
-def explain_local(place: Place, what: str) -> Verdict | None:
+def explain_local(subject: Subject, what: str) -> Flaw | None:
     """Judge discovery that ends at the machine, or the pod."""
-    release, mode = place.release, place.release.mode
+    release, mode = subject.release, subject.release.mode
     if release.middleware == "zenoh" or release.pods < 2:
         return None
-    if place.on_machine:
+    if subject.on_machine:
         message = f"{what}, so the node finds only nodes of its own machine: remove it"
-        return Verdict(message, "warning")
+        return Flaw(message, "warning")
     message = f"{what}, so the node finds no node of another pod: remove it"
-    return Verdict(message, "error" if mode.looks_beyond else "warning")
+    return Flaw(message, "error" if mode.looks_beyond else "warning")
 
 
-def explain_localhost(place: Place, value: str | None) -> Verdict | None:
+def explain_localhost(subject: Subject, value: str | None) -> Flaw | None:
     """Judge ROS_LOCALHOST_ONLY."""
-    return explain_local(place, "it ends discovery at localhost") if value == "1" else None
+    return explain_local(subject, "it ends discovery at localhost") if value == "1" else None
 
 
-def explain_range(place: Place, value: str | None) -> Verdict | None:
+def explain_range(subject: Subject, value: str | None) -> Flaw | None:
     """Judge ROS_AUTOMATIC_DISCOVERY_RANGE; of what it does not know, rcl makes LOCALHOST."""
-    old = place.release.distro.lower() in BEFORE_IRON
+    old = subject.release.distro.lower() in BEFORE_IRON
     if old or value in (None, "", "SUBNET") or has_template(value or ""):
         return None
     if value == "SYSTEM_DEFAULT":
-        if not place.release.mode.lists_peers:
+        if not subject.release.mode.lists_peers:
             return None
         message = "with SYSTEM_DEFAULT ROS may leave out the list of `peers`: remove it"
-        return Verdict(message, "warning")
+        return Flaw(message, "warning")
     if value in ("OFF", "LOCALHOST"):
-        return explain_local(place, f"{value} ends discovery at the pod")
-    return explain_local(place, f'ROS takes the unknown "{value}" for LOCALHOST')
+        return explain_local(subject, f"{value} ends discovery at the pod")
+    return explain_local(subject, f'ROS takes the unknown "{value}" for LOCALHOST')
 
 
-def explain_servers(place: Place, value: str | None) -> Verdict | None:
+def explain_servers(subject: Subject, value: str | None) -> Flaw | None:
     """Compare discovery servers with the release's."""
-    release, mode = place.release, place.release.mode
+    release, mode = subject.release, subject.release.mode
     if value is None or has_template(value) or release.middleware not in (None, "fastdds"):
         return None
     if mode.asks_servers:
@@ -335,42 +338,42 @@ def explain_servers(place: Place, value: str | None) -> Verdict | None:
         if any(one in value for one in ours):
             return None
         message = "the node asks other servers than the release's, and finds none of its nodes"
-        return Verdict(f"{message}: remove it, or write {';'.join(ours)} before them")
-    others = [one for one in release.options.nodes.values() if one is not place.node]
+        return Flaw(f"{message}: remove it, or write {';'.join(ours)} before them")
+    others = [one for one in release.options.nodes.values() if one is not subject.node]
     if not value or all("ROS_DISCOVERY_SERVER" in names_of(one) for one in others):
         return None
     message = "a client of a discovery server finds only its other clients: remove it, and set"
-    return Verdict(f"{message} `network: discovery-server`", "warning")
+    return Flaw(f"{message} `network: discovery-server`", "warning")
 
 
-def explain_peers(place: Place, value: str | None) -> Verdict | None:
+def explain_peers(subject: Subject, value: str | None) -> Flaw | None:
     """Judge a list of peers that replaces the release's."""
-    if not place.release.mode.lists_peers or place.release.distro.lower() in BEFORE_IRON:
+    if not subject.release.mode.lists_peers or subject.release.distro.lower() in BEFORE_IRON:
         return None
     message = "it replaces the list of the release's nodes: remove it, and set"
-    return Verdict(f"{message} `network: {{mode: peers, peers: [...]}}`", "warning")
+    return Flaw(f"{message} `network: {{mode: peers, peers: [...]}}`", "warning")
 
 
-def explain_transports(place: Place, value: str | None) -> Verdict | None:
+def explain_transports(subject: Subject, value: str | None) -> Flaw | None:
     """Judge transports by shared memory, which no other pod reads."""
-    release, node = place.release, place.node
+    release, node = subject.release, subject.node
     shared = node.pod is not None or bool(release.network and release.network.shared_memory)
     if not value or shared or release.pods < 2 or release.middleware not in (None, "fastdds"):
         return None
     kind = value.partition("?")[0]
     if kind == "SHM":
-        return Verdict("pods have no memory in common, so no node hears it: remove it")
+        return Flaw("pods have no memory in common, so no node hears it: remove it")
     if kind.endswith("v6") and release.mode.looks_beyond:
-        return Verdict(f"the nodes look for each other by IPv4, and {kind} has none: remove it")
+        return Flaw(f"the nodes look for each other by IPv4, and {kind} has none: remove it")
     if release.mode.sets_transports and kind in ("DEFAULT", "LARGE_DATA"):
         message = f"{kind} writes into a memory that no other pod reads: remove it, or let nodes"
-        return Verdict(f"{message} share a `pod`", "warning")
+        return Flaw(f"{message} share a `pod`", "warning")
     return None
 
 
-def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
+def explain_zenoh_config(subject: Subject, value: str | None) -> Flaw | None:
     """Judge a configuration of zenoh that replaces the one with the release's router."""
-    release = place.release
+    release = subject.release
     if release.mode.middleware != "zenoh":
         return None
     name, network = str(release.options.deployment_name), release.network or Network()
@@ -379,19 +382,19 @@ def explain_zenoh(place: Place, value: str | None) -> Verdict | None:
     if value is None or has_template(value) or f"{router}:" in value:
         return None
     message = "it replaces the one that connects the node to the release's router: begin it with"
-    return Verdict(f"{message} {ours};", "warning" if ENDPOINTS in value else "error")
+    return Flaw(f"{message} {ours};", "warning" if ENDPOINTS in value else "error")
 
 
 def explain_files(name: str) -> Rule:
     """Return what judges a variable that names the configuration of DDS."""
 
-    def explain(place: Place, value: str | None) -> Verdict | None:
-        release, node = place.release, place.node
+    def explain(subject: Subject, value: str | None) -> Flaw | None:
+        release, node = subject.release, subject.node
         plan = NetworkPlan(
             namespace="",
             release=str(release.options.deployment_name),
             options=release.network,
-            ros=place.ros,
+            ros=subject.ros,
             distro=release.distro,
             middleware=release.middleware,
             on_machine=release.mode.in_machine_network,
@@ -401,7 +404,7 @@ def explain_files(name: str) -> Rule:
         if ours is None or release.pods < 2 or (value and ours in value):
             return None
         message = f"it replaces {ours}, by which the node finds others: remove it, or write into"
-        return Verdict(f"{message} your file what that one has", "warning")
+        return Flaw(f"{message} your file what that one has", "warning")
 
     return explain
 
@@ -428,59 +431,59 @@ def find_host(uri: str) -> str:
     return uri.partition("://")[2].rstrip("/").rpartition(":")[0]
 
 
-def explain_address(place: Place, value: str | None, what: str) -> Verdict | None:
+def explain_address(subject: Subject, value: str | None, what: str) -> Flaw | None:
     """Judge the address that a node advertises."""
-    if value is None or has_template(value) or is_alone(place.release):
+    if value is None or has_template(value) or is_alone(subject.release):
         return None
     advice = "remove it, and the node has its pod's address"
     if not value or is_local(value):
         where = value or "an empty address"
         message = f"other pods cannot connect to {where}, so they hear nothing of it: {advice}"
-        return Verdict(message, "warning" if place.on_machine else "error")
+        return Flaw(message, "warning" if subject.on_machine else "error")
     if "/" in value or re.fullmatch(r"[^:]*:\d+", value):
-        return Verdict(f'"{value}" has a protocol or a port, so no node connects to it: {advice}')
-    if place.on_machine or place.release.mode.attached:
+        return Flaw(f'"{value}" has a protocol or a port, so no node connects to it: {advice}')
+    if subject.on_machine or subject.release.mode.attached:
         return None
-    return Verdict(f"{what}: {advice}", "warning")
+    return Flaw(f"{what}: {advice}", "warning")
 
 
-def explain_ip(place: Place, value: str | None) -> Verdict | None:
+def explain_ip(subject: Subject, value: str | None) -> Flaw | None:
     """Judge ROS_IP."""
-    return explain_address(place, value, "a pod that starts again has another address")
+    return explain_address(subject, value, "a pod that starts again has another address")
 
 
-def explain_hostname(place: Place, value: str | None) -> Verdict | None:
+def explain_hostname(subject: Subject, value: str | None) -> Flaw | None:
     """Judge ROS_HOSTNAME."""
-    return explain_address(place, value, "the name of a pod does not resolve in other pods")
+    return explain_address(subject, value, "the name of a pod does not resolve in other pods")
 
 
-def explain_master(place: Place, value: str | None) -> Verdict | None:
+def explain_master(subject: Subject, value: str | None) -> Flaw | None:
     """Compare a master with the release's."""
-    release = place.release
+    release = subject.release
     if value is None or has_template(value) or is_alone(release):
         return None
     if not RosUri.pattern.fullmatch(value):
-        return Verdict(f'"{value}" is not {RosUri.expects}: remove it')
+        return Flaw(f'"{value}" is not {RosUri.expects}: remove it')
     host = find_host(value)
     if value.rstrip("/") == release.master.rstrip("/"):
         return None
-    line = place.ros.find_program(place.node)
+    line = subject.ros.find_program(subject.node)
     starts = any(re.search(r"\b(roscore|roslaunch|rosmaster)\b", word) for word in line)
-    if is_local(host) and not place.on_machine and not starts:
+    if is_local(host) and not subject.on_machine and not starts:
         message = f"there is no master in the node's pod: remove it, and it uses {release.master}"
-        return Verdict(message)
+        return Flaw(message)
     other = "another master than the release's other nodes, which it does not find"
     message = f"the node registers at {other}: remove it, or set `ros_master_uri` of the job"
-    return Verdict(message, "warning")
+    return Flaw(message, "warning")
 
 
-def explain_namespace(place: Place, value: str | None) -> Verdict | None:
+def explain_namespace(subject: Subject, value: str | None) -> Flaw | None:
     """Compare ROS_NAMESPACE with the name by which the node is looked for."""
-    expected = place.ros_name
+    expected = subject.ros_name
     if value is None or has_template(value) or expected is None:
         return None
     actual = ros_name(expected.rpartition("/")[2], value)
-    return None if actual == expected else Verdict(explain_name(actual, expected))
+    return None if actual == expected else Flaw(explain_name(actual, expected))
 
 
 FILES = {name: explain_files(name) for name in ("CYCLONEDDS_URI", OLD_VARIABLE, NEW_VARIABLE)}
@@ -494,7 +497,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "ROS_DISCOVERY_SERVER": explain_servers,
         "ROS_STATIC_PEERS": explain_peers,
         "FASTDDS_BUILTIN_TRANSPORTS": explain_transports,
-        "ZENOH_CONFIG_OVERRIDE": explain_zenoh,
+        "ZENOH_CONFIG_OVERRIDE": explain_zenoh_config,
         **FILES,
     },
     "none": FILES,
@@ -527,17 +530,19 @@ def explain_name(actual: str, expected: str) -> str:
     return f"{wrong}: remove it, and set `{options}`"
 
 
-def check_naming(place: Place) -> Iterator[Problem]:
+def check_naming(subject: Subject) -> Iterator[Problem]:
     """Yield arguments that give a node another name than its key or its options."""
-    words, key = NAMING.get(place.ros.name, {}), line_key(place.node)
-    if place.key is None or place.node.launch:
+    words, key = NAMING.get(subject.ros.name, {}), line_key(subject.node)
+    if subject.key is None or subject.node.launch:
         return
-    line = place.ros.find_program(place.node)
-    rules = {rule: value for rule, value in list_rules(place.ros, line) if own_part(rule) in words}
+    line = subject.ros.find_program(subject.node)
+    rules = {
+        rule: value for rule, value in list_rules(subject.ros, line) if own_part(rule) in words
+    }
     found = {words[own_part(rule)]: value for rule, value in rules.items()}
     if not found or any(has_template(value) or FILLED_IN.search(value) for value in found.values()):
         return
-    path, expected = (*place.path, key), place.ros_name
+    path, expected = (*subject.path, key), subject.ros_name
     if expected is None:
         if "name" in found:
             message = f"all its pods would be {found['name']}: remove it, or `anonymous`"
@@ -546,7 +551,7 @@ def check_naming(place: Place) -> Iterator[Problem]:
     namespace, _, name = expected.rpartition("/")
     actual = ros_name(found.get("name", name).strip("/"), found.get("namespace", namespace) or None)
     if actual != expected:
-        sure = place.ros.takes_arguments(line) and not any(":" in rule for rule in rules)
+        sure = subject.ros.takes_arguments(line) and not any(":" in rule for rule in rules)
         severity: Severity = "error" if sure else "warning"
         message = explain_name(actual, expected)
         yield Problem(path, message, KIND, severity=severity, at_key=True)
@@ -557,10 +562,10 @@ def own_part(rule: str) -> str:
     return rule.rpartition(":")[2]
 
 
-def check_master(place: Place) -> Iterator[Problem]:
+def check_master(subject: Subject) -> Iterator[Problem]:
     """Yield a node that is a roscore of its own, beside the release's."""
-    release, line = place.release, place.ros.find_program(place.node)
-    if place.ros.name != "1" or place.key is None or is_alone(release):
+    release, line = subject.release, subject.ros.find_program(subject.node)
+    if subject.ros.name != "1" or subject.key is None or is_alone(release):
         return
     name = PurePosixPath(line[0]).name if line else ""
     sure = name in ("roscore", "rosmaster")
@@ -571,7 +576,7 @@ def check_master(place: Place) -> Iterator[Problem]:
             " another master set `ros_master_uri`)"
         )
         severity: Severity = "error" if sure else "warning"
-        path = (*place.path, line_key(place.node))
+        path = (*subject.path, line_key(subject.node))
         yield Problem(path, message, "two-masters", severity=severity, at_key=True)
 
 
@@ -584,8 +589,8 @@ def list_rules(ros: Generation, line: Sequence[str]) -> Iterator[tuple[str, str]
         return
     flagged, before = False, ""
     for word in line:
-        if ros.rmw and word in ("--ros-args", "--"):
-            flagged = word == "--ros-args"
+        if ros.rmw and word in (ROS_ARGS, ROS_ARGS_END):
+            flagged = word == ROS_ARGS
         name, mark, value = word.partition(":=")
         if mark and (not flagged or before in ("-r", "--remap")):
             yield name, value

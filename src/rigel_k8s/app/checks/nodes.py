@@ -8,13 +8,13 @@ from pathlib import PurePosixPath
 from rigel_k8s.app.checks.commands import (
     IN_NODES,
     check_line,
-    check_parameters,
+    check_parameter_options,
     check_program,
     check_shell_words,
     check_substitution,
 )
 from rigel_k8s.app.checks.kubernetes import check_kubernetes
-from rigel_k8s.app.components import check_components, check_key, check_names
+from rigel_k8s.app.components import check_components, check_key, check_ros_names
 from rigel_k8s.app.generation import Generation
 from rigel_k8s.app.layer import choose_layer, explain_left_out
 from rigel_k8s.app.lifecycle import check_lifecycle
@@ -77,9 +77,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
         message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
         yield Problem((), message, "missing-image", at_key=True, because=(("image",),))
     yield from check_kind(node)
-    yield from check_readiness(node, ros)
+    yield from check_readiness_without_ros(node, ros)
     ros = ros.of_node(node)
-    yield from check_name(key, node, ros)
+    yield from check_node_name(key, node, ros)
     problems = list(check_command(node)) if ros.nodes else list(check_plain(node))
     yield from problems
     if not any(problem.is_error for problem in problems):
@@ -93,7 +93,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from check_labels(node)
     yield from check_resources(node.resources)
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
-    yield from check_volumes(node, set(volumes))
+    yield from check_node_volumes(node, set(volumes))
     yield from check_kubernetes(node, options, ros)
     yield from check_patched(node, ros)
     if node.kind is None:
@@ -103,13 +103,13 @@ def check_node(key: str, options: OrchestrationOptions, ros: Generation) -> Iter
     yield from check_placement(key, node, options.nodes)
 
 
-def check_name(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+def check_node_name(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield why a node cannot have its name, or have several pods."""
     if not ros.nodes:
         return
     if node.name is None and not node.anonymous and not node.launch:
         yield from check_key(key, ros)
-    yield from check_names(node, ros)
+    yield from check_ros_names(node, ros)
     if node.name is not None and node.anonymous:
         message = "the name of an anonymous node is generated at its start: remove one of the two"
         yield Problem(("name",), message, "conflict", at_key=True)
@@ -121,7 +121,7 @@ def check_name(key: str, node: NodeOptions, ros: Generation) -> Iterator[Problem
         yield Problem(("replicas",), message, "duplicate-node")
 
 
-def check_readiness(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
+def check_readiness_without_ros(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield a readiness that a program without ROS never reaches."""
     if node.ros and node.readiness in ("ros", *(() if ros.dds else ("dds",))):
         message = f"a program without ROS (ros: none) never becomes ready by {node.readiness}"
@@ -192,7 +192,7 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
 
 def check_appended(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
     """Yield parameters and remappings that no program would read."""
-    yield from check_parameters(node, ros)
+    yield from check_parameter_options(node, ros)
     runs = bool(ros.program(node))
     for key in (k for k in APPENDED if getattr(node, k)):
         reason: str | None = (
@@ -205,7 +205,7 @@ def check_appended(node: NodeOptions, ros: Generation) -> Iterator[Problem]:
             yield Problem((key,), reason, "not-appendable", at_key=True)
 
 
-def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
+def check_node_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
     """Yield mounts of nothing, of two things, and of unknown volumes."""
     for index, mount in enumerate(map(mount_of, node.volumes)):
         path = ("volumes", index)

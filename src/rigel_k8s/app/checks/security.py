@@ -29,7 +29,7 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
         path = mode_path(options.network)
         yield refuse(path, OWN_NETWORK, "choose another mode, or remove `security`")
     for key, node in options.nodes.items():
-        yield from (problem.under(("nodes", str(key))) for problem in check_node(node))
+        yield from (problem.under(("nodes", str(key))) for problem in check_node_security(node))
     params = options.additional_k8s_params
     for name, tree in (("ros_master", params.ros_master), ("application", params.application)):
         yield from find_in_patch(("additional_k8s_params", name), tree)
@@ -40,7 +40,7 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
             yield Problem(place, message, "volume-owner", severity="warning", at_key=True)
 
 
-def check_node(node: NodeOptions) -> Iterator[Problem]:
+def check_node_security(node: NodeOptions) -> Iterator[Problem]:
     """Yield what a node requests that is not allowed; paths are the node's own."""
     if node.host_network:
         yield refuse(("host_network",), OWN_NETWORK, "remove `host_network`, or remove `security`")

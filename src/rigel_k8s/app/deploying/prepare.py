@@ -27,8 +27,8 @@ from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.generation import Texts, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.parts import has_workloads
 from rigel_k8s.app.testing import choose_nodes
+from rigel_k8s.app.workloads import has_workloads
 from rigel_k8s.errors import UserError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness

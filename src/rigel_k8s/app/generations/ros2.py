@@ -48,21 +48,20 @@ from rigel_k8s.app.programs import (
     split,
     write_values,
 )
-from rigel_k8s.app.updating import OnRequest, Way, find_obstacle, requests_hand_over
+from rigel_k8s.app.updating import Candidate, OnRequest, Way, find_obstacle, requests_hand_over
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.pods import LOG_PATH, Object
 from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
-from rigel_k8s.ros import ROS_2
+from rigel_k8s.ros import ROS_2, ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper
 from rigel_rmw import libraries
 
-FLAG, END = "--ros-args", "--"
 #: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
 UNPROVEN = OnRequest("hand-over was not run over zenoh")
@@ -84,8 +83,8 @@ def rules(key: str, node: NodeOptions) -> Iterator[str]:
 
 def reads_ros_arguments(line: Sequence[str]) -> bool:
     """Return whether the end of a line is already read as ROS arguments."""
-    marks = [word for word in line if word in (FLAG, END)]
-    return marks[-1:] == [FLAG]
+    marks = [word for word in line if word in (ROS_ARGS, ROS_ARGS_END)]
+    return marks[-1:] == [ROS_ARGS]
 
 
 def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
@@ -140,7 +139,7 @@ def describe_component(key: str, component: Component) -> dict[str, Any]:
     }
 
 
-def check_component(component: Component) -> Iterator[Problem]:
+def check_composable(component: Component) -> Iterator[Problem]:
     """Yield what a composable node needs, and parameters without a type."""
     if component.package is None:
         message = f"the package of {component.plugin} is missing: add `package`"
@@ -150,11 +149,11 @@ def check_component(component: Component) -> Iterator[Problem]:
         yield Problem(("plugin",), message, "bad-plugin")
     for key, value in component.parameters.items():
         for name, inner in dotted({key: value}):
-            if reason := explain_value(name, inner):
+            if reason := explain_parameter(name, inner):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
 
 
-def explain_value(name: str, value: Any) -> str | None:
+def explain_parameter(name: str, value: Any) -> str | None:
     """Return why rcl has no type for a parameter's value, None if it has one."""
     if PARAMETERS in name:
         return (
@@ -189,7 +188,7 @@ class Ros2(Generation):
     components = Loading(
         script="components.py",
         describe=describe_component,
-        check=check_component,
+        check=check_composable,
         are_nodes=True,
         twice="in a rolling update the containers of both pods would load them: use Recreate",
     )
@@ -266,7 +265,7 @@ class Ros2(Generation):
         found += [word for path in paths for word in ("--params-file", path)]
         if not found or reads_ros_arguments(line):
             return found
-        return [FLAG, *found]
+        return [ROS_ARGS, *found]
 
     def variables(
         self, release: ReleaseContext, namespace: str | None, address: str
@@ -307,20 +306,14 @@ class Ros2(Generation):
             return UNPROVEN
         return find_obstacle(node, volumes, network, (None, "ros", "dds"), shares_network=True)
 
-    def hand_over(
-        self,
-        release: ReleaseContext,
-        workload: str,
-        ros_name: str | None,
-        update: RollingUpdate,
-        obstacle: str | None,
-    ) -> Way:
+    def hand_over(self, candidate: Candidate) -> Way:
         """Return HandOver where the layer can do it; see docs/ros2-updates.md."""
-        if not release.layer:
+        update = candidate.update
+        if not candidate.release.layer:
             return Way("Recreate", NOT_BUILT, update)
-        if obstacle:
-            return Way("Recreate", obstacle, update)
-        env = hand_over_variables(release, workload, ros_name, update)
+        if candidate.obstacle:
+            return Way("Recreate", candidate.obstacle, update)
+        env = hand_over_variables(candidate)
         return Way("HandOver", "", update, env, drain_seconds(update))
 
     def refuse_hand_over(self, options: OrchestrationOptions, distro: str) -> str | None:
@@ -335,7 +328,7 @@ class Ros2(Generation):
         """Yield lists and namespaces of parameters that ROS 2 does not have."""
         for key, name, value in flat_values(options.parameters):
             full = key if key.startswith("~") else name.replace("/", ".")
-            if reason := explain_value(full, value):
+            if reason := explain_parameter(full, value):
                 yield Problem(("parameters", key), reason, "bad-parameter", at_key=True)
         for index, entry in enumerate(map(file_of, options.parameter_files)):
             if entry.namespace is not None:

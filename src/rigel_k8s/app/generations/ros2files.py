@@ -106,7 +106,7 @@ def read(text: str) -> Reading:
         return Reading(tuple(faults), None)
     if not has_key(root, PARAMETERS):
         for name, value in root.value:
-            faults += check_value(name.value, value)
+            faults += check_parameter_value(name.value, value)
         plain = [
             (str(name.value), place(name) if isinstance(value, yaml.MappingNode) else None)
             for name, value in root.value
@@ -131,7 +131,7 @@ def read_nodes(
             else:
                 keys.append((path, place(name)))
                 for inner, one in value.value:
-                    yield from check_value(str(inner.value), one)
+                    yield from check_parameter_value(str(inner.value), one)
         elif not isinstance(value, yaml.MappingNode):
             where = f"below {PARAMETERS}" if above else f"as {ANY_NODE}: {{{PARAMETERS}: ...}}"
             yield Fault(f'"{name.value}" is outside of {PARAMETERS}: write it {where}', place(name))
@@ -141,13 +141,13 @@ def read_nodes(
             yield from read_nodes(value, (*above, str(name.value)), keys)
 
 
-def check_value(name: str, node: yaml.Node) -> Iterator[Fault]:
+def check_parameter_value(name: str, node: yaml.Node) -> Iterator[Fault]:
     """Yield why rcl has no type for a value."""
     if isinstance(node, yaml.MappingNode):
         if not node.value:
             yield Fault(f'"{name}" has no names and values: leave it out', place(node))
         for inner, value in node.value:
-            yield from check_value(f"{name}.{inner.value}", value)
+            yield from check_parameter_value(f"{name}.{inner.value}", value)
         return
     if isinstance(node, yaml.ScalarNode):
         if is_empty(node):

@@ -30,7 +30,7 @@ class Asked:
 
 
 def read_stored(part: StackService, release: ReleaseId, since: int) -> Stored:
-    """Return what Loki has of a release from the last `since` seconds; raises as Part.ask."""
+    """Return what Loki has of a release of the last `since` seconds; raises as StackService.ask."""
     loki = LokiClient(part.ask)
     now = time.time_ns()
     begin, end = now - since * SECOND, now + AHEAD

@@ -28,7 +28,7 @@ from rigel_k8s.observability.manifests.scraping import (
 )
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import GRAFANA, LABELS, LOKI, PROMETHEUS, RELEASE
-from rigel_k8s.observability.options import Component
+from rigel_k8s.observability.options import ChartProgram
 from rigel_k8s.release.types import Desired, ReleaseId
 
 COLLECTORS = {OTEL_COLLECTOR: otel_collector, PROMTAIL: promtail}
@@ -188,7 +188,7 @@ def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
         yield KUBE_STATE_METRICS, scraper
 
 
-def _list_sources(part: Component, sources: list[Object]) -> list[Object]:
+def _list_sources(part: ChartProgram, sources: list[Object]) -> list[Object]:
     """Return the sources of a part; none if its Service is reachable from outside."""
     return [] if part.service_type in OUTSIDE else sources
 

@@ -21,7 +21,7 @@ from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.stack import Stack, make_labels
 from rigel_k8s.observability.names import RELEASE
-from rigel_k8s.observability.options import Component, Persistence, Program
+from rigel_k8s.observability.options import ChartProgram, Persistence, Program
 from rigel_k8s.yaml_text import Loader
 
 #: On pods: a hash of the configuration that they were started with.
@@ -120,7 +120,7 @@ class Draft:
             "selector": selector(self.name),
             "ports": [{"name": "http", "port": port, "targetPort": "http"}],
         }
-        if isinstance(self.options, Component) and self.options.service_type:
+        if isinstance(self.options, ChartProgram) and self.options.service_type:
             spec["type"] = self.options.service_type
         return self.stack.make("v1", "Service", self.name, spec=spec)
 

@@ -25,9 +25,9 @@ from rigel_k8s.observability.options import (
     ExistingLoki,
     ExistingPrometheus,
     Observability,
-    Part,
     Persistence,
-    collector_part,
+    StackProgram,
+    find_collector,
 )
 
 
@@ -108,12 +108,12 @@ class Stack:
     def collector(self) -> str | None:
         """The name of the log collector, None for none."""
         name = self.options.collector or DEFAULT_COLLECTOR
-        return name if self.loki_url and collector_part(self.options, name).enabled else None
+        return name if self.loki_url and find_collector(self.options, name).enabled else None
 
     @property
-    def kube_state_metrics(self) -> Part:
+    def kube_state_metrics(self) -> StackProgram:
         """kube-state-metrics; an existing Prometheus has its own."""
-        return self.options.kube_state_metrics or Part(enabled=self.has_prometheus)
+        return self.options.kube_state_metrics or StackProgram(enabled=self.has_prometheus)
 
     def keeps(self, persistence: Persistence, *, default: bool) -> bool:
         """Return whether a part's data are on a claim."""

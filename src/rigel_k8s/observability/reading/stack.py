@@ -87,7 +87,7 @@ class InstalledStack:
         return {name: one for name, one in named if isinstance(one, Mapping) and one.get("url")}
 
 
-def part_of(cluster: Cluster, name: str, observability: Any) -> StackService:
+def choose_service(cluster: Cluster, name: str, observability: Any) -> StackService:
     """Return a part of the stack, or the one that the job names in `existing`.
 
     Raises:

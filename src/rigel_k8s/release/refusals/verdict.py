@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.errors import ConflictError, UserError
-from rigel_k8s.kube.failures import Cause, Conflict, Forbidden, Missing, Refusal
+from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal, StatusCause
 from rigel_k8s.objects.marks import (
     FIRST_ANNOTATION,
     OPTIONAL_ANNOTATION,
@@ -181,7 +181,7 @@ def explain(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Man
     delete = DELETE.format(where=where, kind=ref.kind.lower(), name=ref.name)
     causes = [cause for cause in error.causes if cause.field != OLD_STRATEGY]
     words: list[str] = []
-    known: list[Cause] = []
+    known: list[StatusCause] = []
     if live is not None:
         known = [cause for cause in causes if "immutable" in cause.message]
         if ref.kind == "PersistentVolumeClaim":

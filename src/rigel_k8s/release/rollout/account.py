@@ -122,12 +122,12 @@ class Account:
 
     def timeout_error(self) -> RolloutFailed:
         """Return the error for a roll-out that took too long."""
-        standing, surroundings = self.standing, self.standing.surroundings
+        standing, related = self.standing, self.standing.related
         lines, late = [], standing.list_late()
         for ref in late:
             live = standing.live.get(ref)
-            pods = surroundings.list_newest_pods(live) if live else []
-            failures = [probe_failure(pod, surroundings.list_events(pod)) for pod in pods]
+            pods = related.list_newest_pods(live) if live else []
+            failures = [probe_failure(pod, related.list_events(pod)) for pod in pods]
             state = standing.states[ref].message if ref in standing.states else "not seen"
             lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
         lines += self.list_causes(self.ledger.seen.values())

@@ -13,7 +13,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.objects.steady import find_unprobed
 from rigel_k8s.release.rollout.causes import Cause, causes, containers, find_turn, list_restarts
 from rigel_k8s.release.rollout.readiness import UNSEEN, ObjectReadiness, readiness_without
-from rigel_k8s.release.rollout.view import Surroundings
+from rigel_k8s.release.rollout.view import Related
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -120,7 +120,7 @@ class Standing:
         targets: as they were applied.
         away: the names of the machines whose pods are not waited for.
         live: as the last look has found them.
-        surroundings: what belongs to them.
+        related: what belongs to them.
         rolling: those that were not ready at some look: their containers are new.
         looked_at: the pods whose containers without probes have been checked.
         enough_since: when all but optional ones became ready, None if they are not.
@@ -129,7 +129,7 @@ class Standing:
     targets: Mapping[ObjectRef, Manifest]
     away: frozenset[str] = frozenset()
     live: Mapping[ObjectRef, Manifest] = attrs.field(factory=dict)
-    surroundings: Surroundings = attrs.field(factory=Surroundings)
+    related: Related = attrs.field(factory=Related)
     states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: CrashLog = attrs.field(factory=CrashLog)
@@ -137,13 +137,11 @@ class Standing:
     looked_at: set[str] = attrs.field(factory=set)
     enough_since: float | None = None
 
-    def look(
-        self, live: Mapping[ObjectRef, Manifest], surroundings: Surroundings, now: float
-    ) -> None:
-        self.live, self.surroundings = live, surroundings
+    def look(self, live: Mapping[ObjectRef, Manifest], related: Related, now: float) -> None:
+        self.live, self.related = live, related
         for ref, there in live.items():
-            newest = surroundings.list_newest_pods(there)
-            state = readiness_without(there, newest, surroundings.list_pods(there), self.away)
+            newest = related.list_newest_pods(there)
+            state = readiness_without(there, newest, related.list_pods(there), self.away)
             self.states[ref] = state
             # Until its controller has seen the change, the newest pods are the old ones.
             if ref in self.rolling and state.message != UNSEEN:
@@ -175,7 +173,7 @@ class Standing:
             ref
             for ref, live in self.live.items()
             if ref.kind == "Deployment" and ref in self.rolling and self.states[ref].ready
-            if not self.surroundings.list_newest_pods(live)
+            if not self.related.list_newest_pods(live)
         ]
 
     def is_enough(self, now: float) -> bool:
@@ -186,11 +184,11 @@ class Standing:
 
     def find_turn(self, ref: ObjectRef) -> str:
         """Return for what a workload's new pod waits before it takes over; "" if it does not."""
-        live, around = self.live.get(ref), self.surroundings
+        live, related = self.live.get(ref), self.related
         if live is None or self.is_ready(ref):
             return ""
-        pods = [pod for pod in around.list_newest_pods(live) if not is_ready(pod)]
-        return next(filter(None, (find_turn(pod, around.list_events(pod)) for pod in pods)), "")
+        pods = [pod for pod in related.list_newest_pods(live) if not is_ready(pod)]
+        return next(filter(None, (find_turn(pod, related.list_events(pod)) for pod in pods)), "")
 
     def list_unprobed(self) -> list[Unprobed]:
         """Return the containers without probes of what has become ready, each pod's once."""
@@ -198,9 +196,7 @@ class Standing:
             container
             for ref, live in self.live.items()
             if ref in self.rolling and self.is_ready(ref)
-            for container in find_unprobed_in(
-                ref, self.surroundings.list_newest_pods(live), self.away
-            )
+            for container in find_unprobed_in(ref, self.related.list_newest_pods(live), self.away)
             if container.uid not in self.looked_at
         ]
         self.looked_at |= {container.uid for container in fresh}
@@ -212,9 +208,9 @@ class Standing:
             live, state = self.live.get(ref), self.states.get(ref)
             if live is None or state is None or state.message == UNSEEN:
                 continue
-            sets = self.surroundings.list_sets(live)
-            newest = self.surroundings.list_newest_pods(live)
-            events = self.surroundings.list_events(live, *sets, *newest)
+            sets = self.related.list_sets(live)
+            newest = self.related.list_newest_pods(live)
+            events = self.related.list_events(live, *sets, *newest)
             found = causes(live, newest, events, sets)
             if state.done and not state.ok:
                 found = [one for one in found if one.kind in LASTING]

@@ -122,13 +122,13 @@ class ReleaseView:
         """Return an object, None if it has not been seen yet."""
         return self.objects[ref.api_version, ref.kind].get(ref)
 
-    def look_around(self) -> Surroundings:
+    def find_related(self) -> Related:
         """Return what belongs to workloads now, indexed."""
-        return look_around(*(self.objects[kind].values() for kind in (REPLICA_SET, POD, EVENT)))
+        return find_related(*(self.objects[kind].values() for kind in (REPLICA_SET, POD, EVENT)))
 
 
 @attrs.frozen
-class Surroundings:
+class Related:
     """What belongs to workloads, by the UID of its owner.
 
     Attributes:
@@ -160,9 +160,9 @@ class Surroundings:
         return [event for key in about for event in self.events.get(key, ())]
 
 
-def look_around(
+def find_related(
     sets: Iterable[Manifest], pods: Iterable[Manifest], events: Iterable[Manifest] = ()
-) -> Surroundings:
+) -> Related:
     """Return what a namespace has apart from workloads, indexed."""
     by_set, by_pod, by_object = defaultdict(list), defaultdict(list), defaultdict(list)
     for live in sets:
@@ -173,7 +173,7 @@ def look_around(
         about = event["involvedObject"]
         is_claim = about.get("kind") == "PersistentVolumeClaim"
         by_object[about.get("name" if is_claim else "uid", "")].append(event)
-    return Surroundings(by_set, by_pod, by_object)
+    return Related(by_set, by_pod, by_object)
 
 
 def list_claims(live: Manifest) -> Iterator[str]:

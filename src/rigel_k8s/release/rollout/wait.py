@@ -14,7 +14,7 @@ from rigel_k8s.release.revisions import find_good
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.patience import Ledger
 from rigel_k8s.release.rollout.standing import Standing, find_ended
-from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, ReleaseView, Surroundings
+from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, Related, ReleaseView
 from rigel_k8s.release.types import WORKLOADS, Revision
 
 LOOK = 0.25  # seconds between two looks at the clock
@@ -40,7 +40,7 @@ def wait(run: Run, applied: Iterable[Manifest], good: int, still_ours: Callable[
     targets = {ref_of(live): live for live in applied if live["kind"] in WORKLOADS}
     standing = Standing(targets, frozenset(run.part.away))
     account = Account(run, standing, good, Ledger(run.patience))
-    standing.look(targets, Surroundings(), time.monotonic())
+    standing.look(targets, Related(), time.monotonic())
     account.show_states()
     if not standing.list_waiting():
         return
@@ -80,7 +80,7 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
     while True:
         now = time.monotonic()
         live = {ref: there for ref in standing.targets if (there := view.find(ref)) is not None}
-        standing.look(live, view.look_around(), now)
+        standing.look(live, view.find_related(), now)
         account.show_states()
         if turns > 0 and any(map(standing.find_turn, standing.list_waiting())):
             deadline, turns = deadline + now - seen, turns - (now - seen)

@@ -21,7 +21,7 @@ from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.wanted import Record
 from rigel_muto.execution import executor as executors
 from rigel_muto.execution import target
-from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.executor import ReleaseExecutor
 from rigel_muto.execution.target import DeployedJob
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
@@ -52,13 +52,13 @@ class Agent:
     states: list[tuple[str, str]] = attrs.field(factory=list)
     causes: list[str] = attrs.field(factory=list)
     looking: threading.Lock = attrs.field(factory=threading.Lock)
-    _running: list[Executor] = attrs.field(factory=list)
+    _running: list[ReleaseExecutor] = attrs.field(factory=list)
 
-    def run(self, allowance: Allowance = ALL, *, timeout: float = 30) -> Executor:
+    def run(self, allowance: Allowance = ALL, *, timeout: float = 30) -> ReleaseExecutor:
         settings = Settings(rigelfile=self.directory / "Rigelfile", timeout=timeout)
         application = DeployedJob(settings, self.report)
         named = application.creates_namespace()
-        made = Executor(
+        made = ReleaseExecutor(
             application,
             Memory(self.fake, RELEASE, create_namespace=named),  # type: ignore[arg-type]
             allowance,

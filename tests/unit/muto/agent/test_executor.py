@@ -18,7 +18,7 @@ from rigel_muto.agent.commands import Deploy, Kill, Outcome, Stage, Unavailable
 from rigel_muto.agent.memory import Memory
 from rigel_muto.agent.wanted import Record, Wanted
 from rigel_muto.execution import executor as executors
-from rigel_muto.execution.executor import Executor, describe
+from rigel_muto.execution.executor import ReleaseExecutor, describe
 from rigel_muto.execution.target import DeployedJob, describe_revision
 from tests.support.controllers import crash_status, running, unready
 from tests.support.releases import down, rollback
@@ -27,7 +27,7 @@ from tests.support.until import until
 from .conftest import RELEASE, Agent, stack
 
 
-def settle(executor: Executor) -> None:
+def settle(executor: ReleaseExecutor) -> None:
     """Wait until the agent has looked at what it has deployed: it stores the revision."""
     until(lambda: executor.record.revision > 0, "a look at the release")
 
@@ -366,7 +366,7 @@ def test_a_command_that_never_began_is_answered_when_a_newer_one_comes(
     """Its sender does not wait for the end of its patience."""
     monkeypatch.setattr(executors, "PATIENCE", 600)
     with monkeypatch.context() as unstarted:
-        unstarted.setattr(Executor, "start", lambda self: None)
+        unstarted.setattr(ReleaseExecutor, "start", lambda self: None)
         executor = agent.run()
     answers: list[Outcome] = []
     kill = threading.Thread(target=lambda: answers.append(executor.submit(Kill())), daemon=True)

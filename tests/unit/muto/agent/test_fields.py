@@ -20,7 +20,7 @@ from rigel_muto.agent.commands import Arrival
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.serving import Dialect
 from rigel_muto.agent.wanted import Wanted
-from rigel_muto.execution.executor import Executor
+from rigel_muto.execution.executor import ReleaseExecutor
 from rigel_muto.execution.target import DeployedJob
 from tests.support.recorder import Recorder
 
@@ -154,7 +154,7 @@ def replace(stack: Any, path: tuple[Any, ...], value: Any) -> Any:
     return changed
 
 
-def send(executor: Executor, stack: Any) -> dict[str, Any]:
+def send(executor: ReleaseExecutor, stack: Any) -> dict[str, Any]:
     """Send a start with a whole stack, and return its answer."""
     payload, reporter = json.dumps(stack).encode(), Recorder()
     topic = f"{DEVICE}/stack/commands/start"
@@ -259,7 +259,7 @@ def list_other_kinds(value: Any) -> list[Any]:
     return [*other, "\ud800"] if isinstance(value, str) else other
 
 
-def start(agent: Agent, distro: str) -> Executor:
+def start(agent: Agent, distro: str) -> ReleaseExecutor:
     job = {"namespace": "n", "deployment_name": "robot", "image": IMAGE}
     job |= {"ros_master_uri": "http://robot:11311"} if distro == "noetic" else {"network": "host"}
     deploy = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import attrs
 
-from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameters, check_substitution
+from rigel_k8s.app.checks.commands import IN_PARAMETERS, check_parameter_options, check_substitution
 from rigel_k8s.app.command import Command
 from rigel_k8s.app.generation import Companion, Generation
 from rigel_k8s.app.generations.ros1 import checks, commands
@@ -21,9 +21,9 @@ from rigel_k8s.app.generations.ros1.globalparameters import setter_of
 from rigel_k8s.app.generations.ros1.master import deploys_master, image_of, master_of, master_uri
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import Fault, ParameterOptions, list_global_keys
-from rigel_k8s.app.updating import Way, find_obstacle, has_variable
+from rigel_k8s.app.updating import Candidate, Way, find_obstacle, has_variable
 from rigel_k8s.network.options import Network
-from rigel_k8s.objects.podoptions import RollingUpdate, Volume
+from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME, Object
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.rosnames import NAMES_1
@@ -102,23 +102,16 @@ class Ros1(Generation):
             return obstacle or "it has a ROS_MASTER_URI of its own"
         return obstacle
 
-    def hand_over(
-        self,
-        release: ReleaseContext,
-        workload: str,
-        ros_name: str | None,
-        update: RollingUpdate,
-        obstacle: str | None,
-    ) -> Way:
-        if not release.gate:
-            return Way("Recreate", "roscore has no gate", update)
-        if obstacle:
-            return Way("Recreate", obstacle, update)
+    def hand_over(self, candidate: Candidate) -> Way:
+        if not candidate.release.gate:
+            return Way("Recreate", "roscore has no gate", candidate.update)
+        if candidate.obstacle:
+            return Way("Recreate", candidate.obstacle, candidate.update)
         env = {
             "ROS_MASTER_URI": {"value": GATE_URI},
-            "RIGEL_K8S_WORKLOAD": {"value": workload},
+            "RIGEL_K8S_WORKLOAD": {"value": candidate.workload},
         }
-        return Way("HandOver", "", update, env)
+        return Way("HandOver", "", candidate.update, env)
 
     def refuse_hand_over(self, options: OrchestrationOptions, distro: str) -> str | None:
         """Return why no node of a job can be handed over."""
@@ -128,12 +121,12 @@ class Ros1(Generation):
     def check(self, options: OrchestrationOptions) -> Iterator[Problem]:
         """Yield what is wrong with the master and the global parameters of a job."""
         yield from checks.check(options)
-        yield from check_parameters(options, self)
+        yield from check_parameter_options(options, self)
         yield from check_substitution(options, IN_PARAMETERS)
 
     def check_parameters(self, options: ParameterOptions) -> Iterator[Problem]:
         """Yield parameters that are not ROS names, and values that are none of XML-RPC."""
-        return checks.check_names(options)
+        return checks.check_parameter_names(options)
 
     def check_parameter_file(
         self, text: str, key: str | None, options: ParameterOptions

@@ -49,16 +49,16 @@ def explain_unseen(options: OrchestrationOptions) -> str | None:
     return NO_MASTER if alone else None
 
 
-def check_names(options: ParameterOptions) -> Iterator[Problem]:
+def check_parameter_names(options: ParameterOptions) -> Iterator[Problem]:
     """Yield names of parameters that are not ROS names, and values that are none of XML-RPC."""
     yield from check_values(options)
     for key, name, _ in flat_values(options.parameters):
-        yield from check_name(("parameters", key), name)
+        yield from check_parameter_name(("parameters", key), name)
     for key in map(str, options.parameter_commands):
-        yield from check_name(("parameter_commands", key), key.lstrip("~"))
+        yield from check_parameter_name(("parameter_commands", key), key.lstrip("~"))
 
 
-def check_name(path: tuple[str, ...], name: str) -> Iterator[Problem]:
+def check_parameter_name(path: tuple[str, ...], name: str) -> Iterator[Problem]:
     """Yield why a parameter cannot have a name."""
     try:
         RosName.parse(name)

@@ -201,7 +201,7 @@ def check_nodelet(component: Component) -> Iterator[Problem]:
 def check_values(options: ParameterOptions | Component) -> Iterator[Problem]:
     """Yield parameters that XML-RPC does not carry to the master; paths are their own."""
     for key, name, value in flat_values(options.parameters):
-        if reason := explain_value(value):
+        if reason := explain_xmlrpc_value(value):
             message = f'the parameter "{name}" {reason}'
             yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
 
@@ -212,22 +212,22 @@ def check_parameter_file(text: str, key: str | None, options: ParameterOptions) 
     if "ros__parameters" in json.dumps(content, default=str):
         yield Fault("ROS 1 reads ros__parameters as a part of names: leave it out", ends=False)
     for name, value in content.items():
-        if reason := explain_value(value):
+        if reason := explain_xmlrpc_value(value):
             yield Fault(f'the parameter "{name}" {reason}')
 
 
-def explain_value(value: Any) -> str | None:
+def explain_xmlrpc_value(value: Any) -> str | None:
     """Return why a value is none of XML-RPC, None if it is one."""
     if isinstance(value, date) and not isinstance(value, datetime):
         return f"is a date: write '{value}'"
     if value is None:
         return "has no value"
     if isinstance(value, list | tuple):
-        return next(filter(None, map(explain_value, value)), None)
+        return next(filter(None, map(explain_xmlrpc_value, value)), None)
     if isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             return "has a key that is no text: write it in quotes"
-        return next(filter(None, map(explain_value, value.values())), None)
+        return next(filter(None, map(explain_xmlrpc_value, value.values())), None)
     if isinstance(value, int) and not -(2**31) <= value < 2**31:
         return f"is {value}, and ROS 1 has numbers of 32 bits: write {value}.0, or a text"
     return None

@@ -1,7 +1,7 @@
 """Global parameters of ROS 1: a Deployment that sets them at the master before the nodes start.
 
 No node's container can set them: many nodes read one parameter, and one that restarts would write
-over later changes. The Deployment's program is inpod/globalparameters.py.
+over later changes. The Deployment's program is rigel_inpod/globalparameters.py.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CONTAINER = "global-parameters"
 PARAMETERS_ANNOTATION = "rigel-k8s/global-parameters"
 #: Its own resources, since it has no options: a quota may refuse pods without requests.
 RESOURCES = {"requests": {"cpu": "10m", "memory": "48Mi"}, "limits": {"memory": "512Mi"}}
-#: inpod/globalparameters.py writes it: "set", or why they are not.
+#: rigel_inpod/globalparameters.py writes it: "set", or why they are not.
 STATE = "/tmp/rigel-k8s-global-parameters"
 READY = f'read -r state <{STATE} && echo "$state" && test "$state" = set'
 

@@ -50,7 +50,7 @@ def keep_apart(node: NodeOptions, options: OrchestrationOptions) -> NodeOptions:
 
 
 @attrs.frozen
-class Parts:
+class Workloads:
     """The workloads of a release before they are manifests."""
 
     options: OrchestrationOptions

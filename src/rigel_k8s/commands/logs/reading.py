@@ -42,7 +42,7 @@ from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.podnodes import split
 from rigel_k8s.observability.names import LOKI
-from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
+from rigel_k8s.observability.reading.stack import NoStack, choose_service, explain
 from rigel_k8s.settings import Settings
 
 HOUR = 3600  # seconds: how far `level` looks back by default
@@ -60,10 +60,10 @@ def logs(
     """
     found = release(settings, job, nodes)
     with found.cluster:
-        yield from history(found, nodes, options)
+        yield from read_lines(found, nodes, options)
 
 
-def history(
+def read_lines(
     found: Release,
     nodes: Sequence[str],
     options: LogOptions,
@@ -81,7 +81,7 @@ def history(
     stored = None
     if options.of_the_past and not options.follow:
         try:
-            part = part_of(found.cluster, LOKI, found.observability)
+            part = choose_service(found.cluster, LOKI, found.observability)
             stored = read_stored(part, found.id, options.since or HOUR)
         except NoStack:
             pass

@@ -6,9 +6,10 @@
 # into probes and shells too. So it is set here; children inherit it, those of a launch file too.
 # Contract: RIGEL_RMW is this container's directory, on a volume of the pod. What an earlier start of the
 # container has left there is removed, but not what the keeper knows. PROGRAM becomes the process that
-# this was, whatever fails here. The library is tried with this image's own sh first: with musl, a glibc
-# older than 2.17 or a C library of 32 bits its programs might not start. If it fails, or there is no
-# Python 3 for the keeper, the file `left-out` in RIGEL_RMW has the reason, for the probe. With
+# this was, whatever fails here. The library is tried with this image's own sh first: with a glibc older
+# than 2.17 or a C library of 32 bits its programs might not start; with musl they do, and the library lets
+# everything pass. If it fails, or there is no Python 3 for the keeper, the file `left-out` in RIGEL_RMW
+# has the reason, for the probe; the library writes it where sh is static, or of another C library. With
 # RIGEL_K8S_PEERS the processes begin in mode `wait`, and the keeper lets them work. It learns by
 # RIGEL_RMW_BESIDE that a script beside the program (beside.sh) has work to do first. A keeper that fails is
 # started again: without it they would wait for ever.
@@ -22,7 +23,7 @@ load() {
   reason="there is no library for this machine ($(uname -m))"
   [ -r "$library" ] || return 1
   reason="its C library does not load ours, which needs glibc 2.17 or newer: set \`rmw_layer: false\`"
-  [ -z "$(LD_PRELOAD=$library /bin/sh -c : 2>&1)" ]
+  answer=$(RIGEL_RMW_MODE=try LD_PRELOAD=$library /bin/sh -c : 2>&1) && [ -z "$answer" ]
 }
 
 # Runs the keeper until it ends by itself.

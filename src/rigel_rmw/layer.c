@@ -3,7 +3,8 @@
  * It defines functions of the interface rmw, which every client library of ROS 2 calls, notes what
  * passes, holds back what the mode of its container does not let pass (layer.h), and calls the
  * middleware's own. It never allocates, locks or enters the kernel for a message of a process that
- * works. Without RIGEL_RMW, or if it cannot make its files, everything passes.
+ * works. Without RIGEL_RMW, or if it cannot make its files, everything passes. So it does on another C
+ * library than glibc: musl's loader finds all that is used here, but its mutexes have another layout.
  *
  * Declarations are those of ros2/rmw that are the same in all distributions from humble on; nothing
  * of ROS is needed to build it.
@@ -128,6 +129,9 @@ static void *find(const char *function) {
     __typeof__(&name) real_ = REAL(name);                                     \
     real_ ? real_(__VA_ARGS__) : (otherwise);                                 \
   })
+
+/* Only glibc has it. */
+extern const char *gnu_get_libc_version(void) __attribute__((weak));
 
 /* Those that are called from here, and not stood before. */
 ret_t rmw_get_gid_for_client(const void *client, gid_t_ *gid);
@@ -268,11 +272,36 @@ static void let_be_ended(void) {
     signal(LAYER_END, end_at_once);
 }
 
+/* The words of rmw.sh. */
+#define FOREIGN \
+  "its C library does not load ours, which needs glibc 2.17 or newer: set `rmw_layer: false`\n"
+
+/* Say why this process cannot be handed over: to the user, and to the pod's probe. */
+static void leave_out(const char *directory) {
+  char path[1000];
+  snprintf(path, sizeof path, "%s/left-out", directory);
+  int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0644);
+  if (fd >= 0 && write(fd, FOREIGN, strlen(FOREIGN)) < 0) unlink(path);
+  if (fd >= 0) close(fd);
+  fprintf(stderr, "rigel-k8s: this process cannot be handed over: " FOREIGN);
+}
+
+/* rmw.sh tries so whether the layer can work here: what is written means that it cannot. */
+__attribute__((constructor)) static void try_it(void) {
+  const char *mode = getenv("RIGEL_RMW_MODE");
+  if (!gnu_get_libc_version && mode && !strcmp(mode, "try")) fprintf(stderr, FOREIGN);
+}
+
 /* Make the process's file, once; mutex is held. */
 static void begin(void) {
   static int tried_by; /* a process that was forked makes a file of its own */
   const char *directory = getenv("RIGEL_RMW");
   if (!directory || !*directory || tried_by == getpid() || strlen(directory) > 900) return;
+  if (!gnu_get_libc_version) {
+    if (!tried_by && !getenv("RIGEL_K8S_EXEC")) leave_out(directory);
+    tried_by = getpid();
+    return;
+  }
   if (!tried_by) {
     pthread_atfork(NULL, NULL, forget_in_child);
     atexit(stop_watching);
@@ -1276,6 +1305,7 @@ static void on_arrival(const void *of, size_t number) {
   EXPORT ret_t function(void *entity, announce_t announce, const void *to) {                   \
     __typeof__(&function) real = REAL(function);                                               \
     if (!real) return RET_UNSUPPORTED;                                                         \
+    if (!atomic_load(&file)) return real(entity, announce, to); /* it calls from in there */   \
     pthread_mutex_lock(&mutex);                                                                \
     struct part *part = find_part(entity);                                                     \
     ret_t answer = part ? real(entity, NULL, NULL) : RET_OK;                                   \

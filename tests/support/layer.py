@@ -25,9 +25,13 @@ LAYER_WORDS = ("-O2", "-fexceptions", "-fPIC", "-shared", "-fvisibility=hidden")
 
 
 def compile_c(out: Path, *words: str | Path, target: str = "") -> Path:
-    """Compile with the machine's compiler, else with that of PyPI, which knows other machines."""
+    """Compile with the machine's compiler, else with that of PyPI, which knows other machines.
+
+    Args:
+        target: another machine, or "musl": this one with another C library.
+    """
     compiler = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
-    if not target and (found := shutil.which("cc")):
+    if found := shutil.which({"": "cc", "musl": "musl-gcc"}.get(target, "")):
         compiler = [found]
     line = [*compiler, *WARNINGS, *map(str, words), "-o", str(out), "-ldl", "-lpthread"]
     done = subprocess.run(line, capture_output=True, text=True)
@@ -44,10 +48,12 @@ class Built:
     options: dict[str, str] = attrs.Factory(dict)
 
 
-def build(room: Path, *fake: str, linked: bool = False, target: str = "") -> Built:
-    """Build the layer, the middleware (`fake`: words for it) and the node; they stay together."""
+def build(
+    room: Path, *fake: str, linked: bool = False, target: str = "", layer: Path | None = None
+) -> Built:
+    """Build the middleware (`fake`: words for it), the node and the layer; they stay together."""
     compiled = partial(compile_c, target=target)
-    layer = compiled(room / "layer.so", *LAYER_WORDS, LAYER)
+    layer = layer or compiled(room / "layer.so", *LAYER_WORDS, LAYER)
     compiled(room / "librmw_fake.so", *LIBRARY, *fake, PROGRAMS / "fake.c")
     beside = (f"-L{room}", "-lrmw_fake", "-Wl,-rpath,$ORIGIN")
     if linked:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import attrs
@@ -12,6 +13,7 @@ import pytest
 
 import rigel_inpod
 from rigel_rmw import libraries
+from tests.support.layer import compile_c
 from tests.support.rosgraph import until
 
 pytestmark = pytest.mark.programs
@@ -37,11 +39,17 @@ class Container:
     def notes(self) -> Path:
         return self.home / "run/ros-node"
 
-    def start(self, *words: str, path: str = "", **variables: str) -> str:
-        """Return what a program prints that rmw.sh starts."""
+    def start(
+        self, *words: str, path: str = "", before: Sequence[str] = ("/bin/sh",), **variables: str
+    ) -> str:
+        """Return what a program prints that rmw.sh starts.
+
+        Args:
+            before: what runs the script.
+        """
         (self.home / "run").mkdir(exist_ok=True)
         env = {"PATH": path or f"{self.home}/bin:/usr/bin:/bin", "LOG": str(self.home)}
-        line = ["/bin/sh", str(self.home / "rmw.sh"), *words]
+        line = [*before, str(self.home / "rmw.sh"), *words]
         done = subprocess.run(
             line,
             env={**env, "RIGEL_RMW": str(self.notes), **variables},
@@ -130,12 +138,44 @@ def test_a_restart_keeps_what_the_keeper_knows(container: Container) -> None:
 def test_where_the_library_cannot_be_loaded_the_program_runs_without_it(
     container: Container, broken: bytes | None, why: str
 ) -> None:
-    """It would not start on musl; the probe finds the reason, and nothing waits."""
+    """It would not start with an old C library; the probe finds the reason, and nothing waits."""
     (container.home / LIBRARY).unlink()
     if broken:
         (container.home / LIBRARY).write_bytes(broken)
     assert container.start(*PRINT, RIGEL_K8S_PEERS="n-pods") == "  \n"
     assert (container.notes / "left-out").read_text().startswith(why)
+    assert not (container.home / "calls").exists()
+
+
+def in_image(sh: str | Path, runner: str) -> list[str]:
+    """Return words before a script that runs where /bin/sh is another program."""
+    unshare = ["unshare", "--user", "--map-root-user", "--mount", "bash", "-c"]
+    if subprocess.run([*unshare, "true"], capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    return [*unshare, f'mount --bind "{sh}" /bin/sh && exec {runner} "$@"', "bash"]
+
+
+@pytest.mark.parametrize("sh", ["dash", "bash", "busybox"])
+def test_each_shell_of_an_image_starts_it_with_the_layer(container: Container, sh: str) -> None:
+    """The library is tried with it."""
+    if not (found := shutil.which(sh)):
+        pytest.skip(f"{sh} is not installed")
+    before = in_image(found, "/bin/sh")
+    assert container.start(*PRINT, before=before).split() == [f"{container.home}/{LIBRARY}"]
+    assert container.calls(1) == ["keeper.py run 1  []"]
+
+
+def test_in_an_image_of_musl_the_program_runs_without_it(container: Container) -> None:
+    """Whose sh loads the library: that itself says that it cannot work there."""
+    if not shutil.which("musl-gcc"):
+        pytest.skip("no musl-gcc (Debian: musl-tools)")
+    source = container.home / "sh.c"
+    source.write_text("int main(void) { return 0; }\n")
+    before = in_image(compile_c(container.home / "sh", source, target="musl"), "bash")
+    line = ("/bin/bash", *PRINT[1:])
+    assert container.start(*line, before=before, RIGEL_K8S_PEERS="n-pods") == "  \n"
+    why = "its C library does not load ours, which needs glibc 2.17 or newer"
+    assert (container.notes / "left-out").read_text() == f"{why}: set `rmw_layer: false`\n"
     assert not (container.home / "calls").exists()
 
 

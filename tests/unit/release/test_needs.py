@@ -71,6 +71,29 @@ def test_what_does_not_exist_is_refused(
     deploy(wanted, fake, report=report)
 
 
+@pytest.mark.parametrize("optional", [None, False, True])
+def test_each_source_of_variables_must_exist(
+    fake: Any, report: Any, *, optional: bool | None
+) -> None:
+    """A Secret and a ConfigMap with all their keys, each by its name, unless it is optional."""
+    more = {} if optional is None else {"optional": optional}
+    sources = [{"secretRef": {"name": "x", **more}}, {"configMapRef": {"name": "y", **more}}]
+    wanted = desired(environment(envFrom=sources))
+    if optional:
+        deploy(wanted, fake, report=report)
+        return
+    with pytest.raises(Refused) as caught:
+        deploy(wanted, fake, report=report)
+    assert caught.value.details == (
+        "Deployment n/talker: the Secret x does not exist in the namespace n",
+        "Deployment n/talker: the ConfigMap y does not exist in the namespace n",
+    )
+    assert fake.writes == []
+    fake.create({**config("x"), "kind": "Secret"})
+    fake.create({**config("y"), "kind": "ConfigMap"})
+    deploy(wanted, fake, report=report)
+
+
 def test_what_must_not_be_read_counts_as_existing(fake: Any, report: Any) -> None:
     class Blind(type(fake)):  # type: ignore[misc]
         def get(self, ref: Any) -> Any:

@@ -16,11 +16,11 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.observability import install as stacks
-from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.options import StackRequest, request_of
 from rigel_k8s.release.part import Part, Run
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
+from rigel_stack import install as stacks
+from rigel_stack.desired import desired_stack, render_stack
 
 GONE_TIMEOUT = 180.0
 #: Kinds that are compared.

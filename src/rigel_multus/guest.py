@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rigel_k8s.app.options import OrchestrationOptions
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.part import Inspection, Part
-    from rigel_k8s.report import Reporter
+from rigel_k8s.app.deploying.guests import Deployment, Guest
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.release.part import Inspection, Part
 
 
-class MultusGuest:
-    """The methods are those of `rigel_k8s.app.deploying.guests.Guest`."""
+class MultusGuest(Guest):
+    """The preflight, and an installation where `network` requests it."""
 
-    def parts(
-        self, options: OrchestrationOptions, cluster: Cluster | None, report: Reporter
-    ) -> Sequence[Part]:
+    def parts(self, deployment: Deployment) -> Sequence[Part]:
         """Return the installation that `network` requests; only modes with Multus can."""
-        if options.network is None or options.network.install is None:
+        network = deployment.options.network
+        if network is None or network.install is None:
             return ()
         from rigel_multus.install import requested_multus
 
-        return requested_multus(options.network, cluster, report)
+        return requested_multus(network, deployment.cluster, deployment.report)
 
     def inspect(
         self,
@@ -34,7 +32,6 @@ class MultusGuest:
         mended: bool,
     ) -> Inspection:
         """Return what the preflight finds."""
-        from rigel_k8s.release.part import Inspection
         from rigel_multus.preflight.examine import inspect
 
         error, warnings = inspect(objects, options.network, cluster, mended=mended)

@@ -10,13 +10,13 @@ import pytest
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.scalars import ImageRef
-from rigel_k8s.observability.desired import desired_stack
 from rigel_k8s.observability.options import request_of
 from rigel_k8s.pinning import pin
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_multus.install import find_release
 from rigel_multus.installation import Installation
 from rigel_multus.platform import Group, platform
+from rigel_stack.desired import desired_stack
 from tests.support.fake_cluster import FakeCluster
 from tests.support.tag_registry import DIGEST, TagRegistry, serve_tags
 

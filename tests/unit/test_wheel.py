@@ -20,8 +20,8 @@ ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "src"
 #: One of each kind of data that something reads at run time.
 DATA = (
-    "rigel_k8s/observability/boards/files/rigel-logs.json",
-    "rigel_k8s/observability/boards/files/rigel-platform.yaml",
+    "rigel_stack/boards/files/rigel-logs.json",
+    "rigel_stack/boards/files/rigel-platform.yaml",
     "rigel_exporter/__main__.py",
     "rigel_lab/images/base/files/ros_entrypoint.sh",
     "rigel_lab/images/mutoagent/files/wheels.txt",
@@ -46,7 +46,7 @@ DATA = (
 )
 READS = """
 import rigel_inpod as inpod
-from rigel_k8s.observability import boards
+from rigel_stack import boards
 from rigel_lab.images.exporter import entries as exporter
 from rigel_lab.images.mutoagent import list_package, read_lock
 from rigel_lab.images.ros1base.overlay import entries as ros1

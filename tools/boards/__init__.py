@@ -10,14 +10,14 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-import rigel_k8s.observability.boards
+import rigel_stack.boards
 from tools.boards import dashboards
 from tools.boards.board import Board
 
 __all__ = ["FILES", "texts", "write"]
 
 #: Where the JSON is kept, beside the rules.
-FILES = Path(rigel_k8s.observability.boards.__file__).parent / "files"
+FILES = Path(rigel_stack.boards.__file__).parent / "files"
 
 
 def texts() -> dict[str, str]:

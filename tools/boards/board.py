@@ -15,7 +15,7 @@ from grafana_foundation_sdk.cog.builder import Builder
 from grafana_foundation_sdk.cog.encoder import JSONEncoder
 from grafana_foundation_sdk.models import dashboard as model
 
-from rigel_k8s.observability.boards import LOGS, METRICS
+from rigel_stack.boards import LOGS, METRICS
 from tools.boards.panels import SOURCES, Panel
 
 #: The tag of our dashboards, by which they link to each other.

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.observability.boards import rules
+from rigel_stack.boards import rules
 from tools.reference.meanings import CONDITIONS
 from tools.reference.tables import draw_table, join_page
 

@@ -1,7 +1,7 @@
 """What the rules record, and when an alert fires, in words.
 
 docs/metrics.md and docs/alerts.md are generated from it. The rules themselves are files of
-rigel_k8s/observability/boards. A rule without its words here fails a test.
+rigel_stack/boards. A rule without its words here fails a test.
 """
 
 from __future__ import annotations

@@ -13,13 +13,16 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from rigel_k8s import __version__, signals
 from rigel_k8s.cli.width import choose_color, find_width, wrap
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+
+if TYPE_CHECKING:
+    from rigel_k8s.installed import Group
 
 INTERRUPTED = 130
 #: What a write to standard output fails with where nothing more fits: a full disk, a quota.
@@ -55,7 +58,6 @@ COMMANDS = {
     "down": ("releases", "Delete a release; its volumes stay unless --volumes."),
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
-    "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
     "completion": ("completions", "Print the shell completion for bash, zsh or fish."),
@@ -67,9 +69,12 @@ def list_all_commands() -> dict[str, tuple[str, str]]:
     """Return the table with the rows that other packages add, each after the one that it names."""
     from rigel_k8s.installed import find, list_names
 
+    group: Group = "rigel_k8s.commands"
+    added = {name: find(group, name) for name in sorted(list_names(group) - COMMANDS.keys())}
     rows = list(COMMANDS.items())
-    for name in sorted(list_names("rigel_k8s.commands") - COMMANDS.keys()):
-        module, text, *follows = find("rigel_k8s.commands", name)
+    # Those that follow one of their own kind come last.
+    for name in sorted(added, key=lambda name: added[name][-1] in added):
+        module, text, *follows = added[name]
         before = [number for number, row in enumerate(rows, 1) if row[0] in follows]
         rows.insert(before[0] if before else len(rows), (name, (module, text)))
     return dict(rows)

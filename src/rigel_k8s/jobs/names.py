@@ -66,11 +66,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             f"{_TYPES}.buildx:BuildXJob",
             ("rigel_k8s.BuildXPlugin", "rigel.plugins.core.BuildXPlugin"),
         ),
-        Builtin(
-            "observability",
-            f"{_TYPES}.observability:ObservabilityJob",
-            ("rigel_k8s.ObservabilityPlugin",),
-        ),
     ),
     "provider": (
         Builtin(

@@ -1,7 +1,6 @@
-"""Logs, metrics and dashboards as a release of their own: options to objects, pure.
+"""What applications and commands share with the stack (rigel_stack) of logs and metrics.
 
-A job's `options` are a request, which `desired` merges with those of other jobs; `manifests/` makes
-objects of the result, `boards/` has dashboards, rules and alerts. `install` is a job's part with
-its hooks, `removal` the way back. `exporter` is in an application's own release. `reading/` asks
-what runs.
+`options` and `checks` are the key `observability`, `names` the names that both use, `lines` the
+forms of log lines. `exporter` is in an application's own release. `reading/` asks a Loki and a
+Prometheus.
 """

@@ -10,9 +10,11 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from typing import Any
 
 import attrs
+import yaml
 
 from rigel_k8s import __version__
 from rigel_k8s.network.modes import join, wire_pod
@@ -21,9 +23,10 @@ from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, drop_empty
 from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment, service
-from rigel_k8s.observability.manifests.program import CONFIG_ANNOTATION, container, load
+from rigel_k8s.observability.container import CONFIG_ANNOTATION, container
 from rigel_k8s.observability.names import COMPONENT, EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import RosMetrics
+from rigel_k8s.yaml_text import Loader
 
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
@@ -106,7 +109,8 @@ def pod(release: ReleaseContext, options: RosMetrics, wired: Wiring, config: str
 
     Files of init containers are for ROS' own programs: the exporter itself waits for its interface.
     """
-    (fields,) = load("programs/ros-exporter.yaml")["pod"]["containers"]
+    file = files("rigel_k8s.observability") / "files" / "ros-exporter.yaml"
+    fields = yaml.load(file.read_text("utf-8"), Loader)
     fields["image"] = EXPORTER_IMAGE
     if not release.ros.dds:
         fields = {"env": [{"name": "ROS_IP", **address(wired)}], **fields}

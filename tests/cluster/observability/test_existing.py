@@ -13,13 +13,13 @@ import yaml
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
-from rigel_k8s.observability import boards
-from rigel_k8s.observability.manifests.desired import stack_release
-from rigel_k8s.observability.manifests.stack import Boards
-from rigel_k8s.observability.manifests.stack import Stack as StackParts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.types import Desired
 from rigel_lab.cluster.extras import IMAGES
+from rigel_stack import boards
+from rigel_stack.manifests.desired import stack_release
+from rigel_stack.manifests.stack import Boards
+from rigel_stack.manifests.stack import Stack as StackParts
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy
 

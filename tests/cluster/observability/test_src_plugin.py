@@ -11,8 +11,8 @@ import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.reading.stack import find_namespace
-from rigel_k8s.observability.removal import remove as remove_stack
 from rigel_k8s.release.types import DeployOptions
+from rigel_stack.removal import remove as remove_stack
 from tests.support.recorder import Recorder
 
 from ..conftest import inside

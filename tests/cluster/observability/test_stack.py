@@ -297,7 +297,7 @@ def answers(talker: Talker) -> bool:
 
 def test_data_outlive_the_stack(talker: Talker) -> None:
     """`down` leaves the claims, and the stack that comes next has all that was stored."""
-    from rigel_k8s.observability.removal import remove
+    from rigel_stack.removal import remove
 
     stack = talker.stack
     last = talker.beyond(50)
@@ -371,8 +371,8 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
     cluster: Any, namespace: str, what: str
 ) -> None:
     """Every field of every object is known, and nothing is refused or dropped in silence."""
-    from rigel_k8s.observability.desired import render_stack
     from rigel_k8s.observability.options import request_of
+    from rigel_stack.desired import render_stack
 
     for item in render_stack(request_of(UNRUN[what]), namespace).desired.objects:
         made = cluster.apply(item, dry_run=True, force=True)

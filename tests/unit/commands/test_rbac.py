@@ -12,12 +12,12 @@ from rigel_k8s.cli.main import cli
 from rigel_k8s.commands.rbac import account
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.rights import find_missing, grant, make_rules
-from rigel_k8s.observability.desired import render_stack
 from rigel_k8s.observability.options import StackRequest
 from rigel_k8s.release.refusals.missing import find_resource, need_for
 from rigel_multus.installation import Installation
 from rigel_multus.manifests import network_release
 from rigel_multus.platform import Group, platform
+from rigel_stack.desired import render_stack
 from tests.support.fake_cluster import FakeCluster
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.observability.manifests.desired import stack_release
-from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rigelfile import Source, structure
 from rigel_k8s.rigelfile.parse import parse
+from rigel_stack.manifests.desired import stack_release
+from rigel_stack.manifests.stack import Boards, Stack
 
 GOLDEN = Path(__file__).parent / "golden"
 #: Short ones: what the real ones say is tested where they are made.

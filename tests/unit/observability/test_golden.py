@@ -80,7 +80,7 @@ def test_golden_files_have_their_case() -> None:
 
 def test_each_dashboard_fits_into_a_config_map() -> None:
     """The API server takes a mebibyte, with all that belongs to the object."""
-    from rigel_k8s.observability import boards
+    from rigel_stack import boards
 
     assert boards.dashboards()
     assert max(len(text.encode()) for text in boards.dashboards().values()) < 900_000

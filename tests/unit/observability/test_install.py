@@ -13,32 +13,28 @@ import pytest
 from rigel_k8s.deploy import deploy
 from rigel_k8s.errors import RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.observability import ObservabilityJob
 from rigel_k8s.kube.failures import Forbidden, Refusal
-from rigel_k8s.observability import (
-    desired as observability_wanted,
-)
-from rigel_k8s.observability import (
-    install as observability_install,
-)
-from rigel_k8s.observability.desired import (
+from rigel_k8s.observability.options import ObservabilityOptions, request_of
+from rigel_k8s.observability.reading.stack import find_namespace
+from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
+from rigel_k8s.settings import Application, Settings
+from rigel_stack import desired as observability_wanted
+from rigel_stack import install as observability_install
+from rigel_stack.desired import (
     api_servers,
     desired_stack,
     find_positions,
     gives_storage,
     render_stack,
 )
-from rigel_k8s.observability.install import (
+from rigel_stack.install import (
     find_missing_operator,
     requested_stack,
     stack_part,
     warn_of_lost_data,
 )
-from rigel_k8s.observability.options import ObservabilityOptions, request_of
-from rigel_k8s.observability.password import ensure_administrator
-from rigel_k8s.observability.reading.stack import find_namespace
-from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
-from rigel_k8s.settings import Application, Settings
+from rigel_stack.job import ObservabilityJob
+from rigel_stack.password import ensure_administrator
 from tests.support.controllers import Controllers, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from rigel_k8s.commands.logs.lines import level_of
-from rigel_k8s.observability.manifests import otelcollector as lines
+from rigel_k8s.observability import lines
 from rigel_k8s.observability.names import LABELS, LEVELS
 
 from .shapes import config, release

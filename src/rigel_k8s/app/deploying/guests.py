@@ -7,7 +7,9 @@ imports none.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
+
+import attrs
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.installed import find, list_names
@@ -16,17 +18,27 @@ from rigel_k8s.release.part import Inspection, Part
 from rigel_k8s.report import Reporter
 
 
-class Guest(Protocol):
-    """What a package adds to each deploy of an application."""
+@attrs.frozen
+class Deployment:
+    """The deploy of an application, as its job requests it.
 
-    def parts(
-        self, options: OrchestrationOptions, cluster: Cluster | None, report: Reporter
-    ) -> Sequence[Part]:
-        """Return what the options request beside the application; nothing is written.
+    Attributes:
+        raw: the options that are set, as plain data.
+        cluster: None for `render`: as far as the Rigelfile describes it.
+    """
 
-        Args:
-            cluster: None for `render`: as far as the Rigelfile describes it.
-        """
+    options: OrchestrationOptions
+    raw: Mapping[str, Any]
+    cluster: Cluster | None
+    report: Reporter
+
+
+class Guest:
+    """What a package adds to each deploy of an application; this one adds nothing."""
+
+    def parts(self, deployment: Deployment) -> Sequence[Part]:
+        """Return what the options request beside the application; nothing is written."""
+        return ()
 
     def inspect(
         self,
@@ -42,9 +54,11 @@ class Guest(Protocol):
             objects: the application's manifests.
             mended: a part of rank "network" is written before; leave out what it mends.
         """
+        return Inspection()
 
     def kinds(self) -> Iterable[tuple[str, str, str]]:
         """Return (word, cause, where the answer comes from) of what `inspect` finds; Markdown."""
+        return ()
 
 
 def load_guests() -> list[Guest]:

@@ -32,7 +32,6 @@ from rigel_k8s.app.workloads import has_workloads
 from rigel_k8s.errors import UserError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.observability.options import StackRequest, request_of
 from rigel_k8s.release.types import DEFAULT_TIMEOUT, Desired, ReleaseId, Revision
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
@@ -89,14 +88,14 @@ class Preparation:
 
     Attributes:
         options: the job's, merged into those of the last revision if it is a partial job.
+        raw: those that are set, as plain data.
         credentials: users of the registries that its images come from.
-        stack: the job's observability stack; None: it requests none.
     """
 
     desired: Desired
     options: OrchestrationOptions
+    raw: Mapping[str, Any]
     credentials: tuple[RegistryCredentials, ...] = ()
-    stack: StackRequest | None = None
 
 
 def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
@@ -152,10 +151,7 @@ def prepare(request: Request, cluster: Cluster | None = None) -> Preparation:
     if cluster is not None:
         images = Images(cluster, known, pinned.unknown)
         desired = attrs.evolve(desired, inspect=images.find_obstacles)
-    stack = None
-    if options.observability.enabled:
-        stack = request_of(flat(request.raw).get("observability") or {})
-    return Preparation(desired, options, credentials, stack)
+    return Preparation(desired, options, flat(request.raw), credentials)
 
 
 class LastRevision:

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 
 import attrs
 
-from rigel_k8s.observability.manifests import otelcollector as lines
+from rigel_k8s.observability import lines
 from rigel_k8s.observability.names import LEVELS
 
 SECOND = 1_000_000_000

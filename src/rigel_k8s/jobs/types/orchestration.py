@@ -1,7 +1,7 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
-It joins app/, observability/ and the guests; in each of them, decisions are pure
-and queries separate. They are imported where they are used: `rigel status` needs only the options.
+It joins app/ and the guests; in each of them, decisions are pure and queries separate. They are
+imported where they are used: `rigel status` needs only the options.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.jobs.deploying import deploy
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.observability.options import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
@@ -78,21 +77,22 @@ class OrchestrationJob:
     def parts(
         self, options: OrchestrationOptions, job: JobContext, cluster: Cluster | None
     ) -> Sequence[Part]:
-        """Return what the network needs, the application, and the stack that the job requests.
+        """Return the application, and what guests add to it: its network, the stack.
 
         A partial job is laid over the release's last revision, so the cluster is asked for that
         even without one.
         """
-        from rigel_k8s.app.deploying.guests import load_guests
+        from rigel_k8s.app.deploying.guests import Deployment, load_guests
         from rigel_k8s.app.deploying.part import ApplicationHooks
         from rigel_k8s.app.deploying.prepare import Request, prepare, timeout_of
         from rigel_k8s.app.desired import point_out
         from rigel_k8s.kube import connect
-        from rigel_k8s.observability.install import requested_stack, stack_part
         from rigel_k8s.release.part import Part
 
+        guests = load_guests()
         if options.observability_only:
-            return [stack_part(request_of(flat(job.raw).get("observability") or {}), cluster)]
+            alone = Deployment(options, flat(job.raw), cluster, job.report)
+            return [part for guest in guests for part in guest.parts(alone)]
         request = Request(
             options=options,
             raw=job.raw,
@@ -106,7 +106,6 @@ class OrchestrationJob:
                 prepared = prepare(request, asked)
         else:
             prepared = prepare(request, cluster)
-        guests = load_guests()
         hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,
@@ -120,12 +119,8 @@ class OrchestrationJob:
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
-        parts = [application]
-        for guest in guests:
-            parts += guest.parts(prepared.options, cluster, job.report)
-        if prepared.stack is not None:
-            parts += requested_stack(prepared.stack, cluster, job.report)
-        return parts
+        deployment = Deployment(prepared.options, prepared.raw, cluster, job.report)
+        return [application, *(part for guest in guests for part in guest.parts(deployment))]
 
     def run(self, options: OrchestrationOptions, job: JobContext) -> None:
         """Deploy, and copy the results.

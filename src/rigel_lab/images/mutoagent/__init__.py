@@ -20,7 +20,10 @@ from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.base.program import ETC, PREFIX, ProgramImage
 
 #: All but the lab: what the agent deploys has parts of each.
-HOUSES = ("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s", "rigel_multus", "rigel_muto")
+HOUSES = (
+    *("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s"),
+    *("rigel_multus", "rigel_muto", "rigel_stack"),
+)
 PYTHON = "3.11"
 #: The processors of images, as wheels name them.
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}

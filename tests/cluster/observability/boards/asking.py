@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.observability.boards import dashboards
+from rigel_stack.boards import dashboards
 
 from .conftest import Watch
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.boards import dashboards
+from rigel_stack.boards import dashboards
 
 from . import asking
 from .conftest import Troubled, until

@@ -9,12 +9,12 @@ import pytest
 from rigel_k8s.errors import UserError
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability import removal as observability_removal
 from rigel_k8s.observability.names import RELEASE as STACK
-from rigel_k8s.observability.password import ADMIN_SECRET, ensure_administrator
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 from rigel_multus import removal as network_removal
 from rigel_multus.removal import users
+from rigel_stack import removal as observability_removal
+from rigel_stack.password import ADMIN_SECRET, ensure_administrator
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy

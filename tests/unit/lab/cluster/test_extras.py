@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-import rigel_multus as multus
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
-from rigel_k8s.observability.manifests.program import load
 from rigel_lab.cluster import extras
 from rigel_lab.cluster.components import BUILDS, ON_REQUEST, Components
 from rigel_lab.cluster.extras import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
+from rigel_multus import names as multus
+from rigel_stack.manifests.program import load
 
 KUBE_STATE_METRICS = BUILDS["kube-state-metrics"]
 OPERATOR = BUILDS["prometheus-operator"]

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.observability.boards import rules
 from rigel_k8s.system.cache import cache_dir
 from rigel_lab.cluster.components import obtain
+from rigel_stack.boards import rules
 
 
 def every_rule() -> list[dict[str, Any]]:

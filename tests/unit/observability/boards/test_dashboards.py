@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-import rigel_k8s.observability.boards
-from rigel_k8s.observability.boards import dashboards
+import rigel_stack.boards
+from rigel_stack.boards import dashboards
 
-FILES = Path(rigel_k8s.observability.boards.__file__).parent / "files"
+FILES = Path(rigel_stack.boards.__file__).parent / "files"
 BOARDS = {name: json.loads(text) for name, text in dashboards().items()}
-EXPORTER = FILES.parents[3] / "rigel_exporter"
+EXPORTER = FILES.parents[2] / "rigel_exporter"
 #: Variables of Grafana itself.
 BUILT_IN = {
     "__auto",

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from rigel_k8s.cli.main import cli
 from rigel_k8s.commands.top import NODES, TOPICS
-from rigel_k8s.observability.boards import dashboards, rules
+from rigel_stack.boards import dashboards, rules
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[3]

@@ -10,11 +10,11 @@ import yaml
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.observability.manifests import otelcollector as lines
-from rigel_k8s.observability.manifests.program import Draft, load
-from rigel_k8s.observability.manifests.scraping import contract, rules
-from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability import lines
 from rigel_k8s.observability.names import LABELS
+from rigel_stack.manifests.program import Draft, load
+from rigel_stack.manifests.scraping import contract, rules
+from rigel_stack.manifests.stack import Stack
 
 PROMTAIL = "promtail"
 #: Where it reads the user of a Loki that needs a login.

@@ -12,24 +12,24 @@ from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.podoptions import OUTSIDE
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR, otel_collector
-from rigel_k8s.observability.manifests.program import (
+from rigel_k8s.observability.names import GRAFANA, LABELS, LOKI, PROMETHEUS, RELEASE
+from rigel_k8s.observability.options import ChartProgram
+from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_stack.manifests.otelcollector import OTEL_COLLECTOR, otel_collector
+from rigel_stack.manifests.program import (
     Draft,
     list_loki_variables,
     load,
     read_file,
 )
-from rigel_k8s.observability.manifests.promtail import PROMTAIL, promtail
-from rigel_k8s.observability.manifests.scraping import (
+from rigel_stack.manifests.promtail import PROMTAIL, promtail
+from rigel_stack.manifests.scraping import (
     KUBE_STATE_METRICS,
     NODE_EXPORTER,
     monitoring,
     write_prometheus_config,
 )
-from rigel_k8s.observability.manifests.stack import Stack
-from rigel_k8s.observability.names import GRAFANA, LABELS, LOKI, PROMETHEUS, RELEASE
-from rigel_k8s.observability.options import ChartProgram
-from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_stack.manifests.stack import Stack
 
 COLLECTORS = {OTEL_COLLECTOR: otel_collector, PROMTAIL: promtail}
 #: The label that Grafana's sidecars look for by default.

@@ -19,16 +19,13 @@ from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.podsecurity import pod_context
-from rigel_k8s.observability.manifests.stack import Stack, make_labels
+from rigel_k8s.observability.container import CONFIG_ANNOTATION, container
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ChartProgram, Persistence, Program
 from rigel_k8s.yaml_text import Loader
+from rigel_stack.manifests.stack import Stack, make_labels
 
-#: On pods: a hash of the configuration that they were started with.
-CONFIG_ANNOTATION = "rigel-k8s/configuration"
 RBAC = "rbac.authorization.k8s.io"
-#: At a start, a log of hours may be replayed; a probe that gives up would restart that.
-FOR_EVER = 2**31 - 1
 #: Each kind's own fields. Two pods of a Deployment would use the same data. Programs that only read
 #: may roll out on all machines at once; some machines may be unreachable.
 WORKLOADS: Mapping[str, Object] = {
@@ -157,39 +154,6 @@ class Draft:
             made["securityContext"] = pod_context(user)
         main = container(self.name, self.options, self.container)
         return {**made, **self.pod, "containers": [main]}
-
-
-def container(name: str, options: Program, made: Mapping[str, Any]) -> Object:
-    """Return a container that writes only to its volumes and cannot become another user.
-
-    Args:
-        made: its other fields; the options replace its image, and merge its resources. `probes`
-            has the path and port of an HTTP probe: a frequent one until the start, a rare one
-            afterwards.
-    """
-    fields = dict(made)
-    image, resources = fields.pop("image"), fields.pop("resources")
-    if probes := fields.pop("probes", None):
-        get = {"httpGet": probes, "timeoutSeconds": 5}
-        fields["startupProbe"] = {**get, "periodSeconds": 2, "failureThreshold": FOR_EVER}
-        fields["readinessProbe"] = {**get, "periodSeconds": 10}
-    own = {"requests": options.resources.requests, "limits": options.resources.limits}
-    return {
-        "name": name,
-        "image": str(options.image or image),
-        "imagePullPolicy": "IfNotPresent",
-        **fields,
-        "resources": {
-            kind: {**resources[kind], **{str(k): str(v) for k, v in given.items()}}
-            for kind, given in own.items()
-        },
-        "securityContext": {
-            "allowPrivilegeEscalation": False,
-            "readOnlyRootFilesystem": True,
-            "capabilities": {"drop": ["ALL"]},
-        },
-        "terminationMessagePolicy": "FallbackToLogsOnError",
-    }
 
 
 def digest(configuration: Sequence[Object]) -> str:

@@ -13,8 +13,8 @@ from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, pr
 from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
-    from rigel_k8s.commands.observe import Administrator, Opened
-    from rigel_k8s.observability.reading.status import ObserveStatus
+    from rigel_stack.observing import Administrator, Opened
+    from rigel_stack.status import ObserveStatus
 
 PORT = click.IntRange(0, 65535)
 
@@ -54,7 +54,7 @@ def observe(
     """
     if ctx.invoked_subcommand is not None:
         return
-    from rigel_k8s.commands import observe as actions
+    from rigel_stack import observing as actions
 
     ports = {"grafana": grafana, "prometheus": prometheus, "loki": loki}
     for event in actions.observe(settings(ctx), ports, password=not no_password):
@@ -77,7 +77,7 @@ def status(ctx: click.Context, /, output: str) -> int:
     """
     from rigel_k8s.cli.status import status_json
     from rigel_k8s.commands.status import Status
-    from rigel_k8s.observability.reading import status as observe_status
+    from rigel_stack import status as observe_status
 
     found = observe_status.status(settings(ctx))
     if output == "json":
@@ -104,7 +104,7 @@ def remove(
 ) -> None:
     """Remove the stack, for all applications. Its data stay unless --volumes."""
     from rigel_k8s.cli.releases import confirm
-    from rigel_k8s.commands import observe as actions
+    from rigel_stack import observing as actions
 
     confirm("the observability stack of all applications", volumes=volumes, yes=yes)
     with choose_reporter(ctx) as report:

@@ -37,7 +37,7 @@ class ObservabilityJob:
         self, options: ObservabilityOptions, job: JobContext, cluster: Cluster | None
     ) -> Sequence[Part]:
         """Return the stack; nothing if it is switched off."""
-        from rigel_k8s.observability.install import stack_part
+        from rigel_stack.install import stack_part
 
         return [stack_part(request_of(job.raw), cluster)] if options.enabled else []
 

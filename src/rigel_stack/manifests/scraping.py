@@ -13,10 +13,10 @@ import yaml
 
 from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.pods import Object
-from rigel_k8s.observability.manifests.program import load
-from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS, LOKI, PROMETHEUS, RELEASE
 from rigel_k8s.observability.options import ExistingPrometheus
+from rigel_stack.manifests.program import load
+from rigel_stack.manifests.stack import Stack
 
 KUBE_STATE_METRICS = "kube-state-metrics"
 NODE_EXPORTER = "node-exporter"

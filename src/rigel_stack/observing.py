@@ -12,14 +12,14 @@ import attrs
 from rigel_k8s.commands.interruption import writing
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, connect
-from rigel_k8s.observability import removal as observability_removal
 from rigel_k8s.observability.names import GRAFANA
-from rigel_k8s.observability.password import administrator_ref
-from rigel_k8s.observability.reading.doors import Door, doors
 from rigel_k8s.observability.reading.stack import NoStack, find_stack
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
+from rigel_stack import removal as observability_removal
+from rigel_stack.doors import Door, doors
+from rigel_stack.password import administrator_ref
 
 LOOK = 1.0  # seconds between two checks of the doors
 

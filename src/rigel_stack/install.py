@@ -10,16 +10,16 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ready
-from rigel_k8s.observability.desired import desired_stack, render_stack
-from rigel_k8s.observability.manifests.scraping import GROUP_VERSION, KINDS
-from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import StackRequest
-from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.release.apply import make_namespace
 from rigel_k8s.release.part import Hooks, Inspection, Look, Part, Run, if_allowed
 from rigel_k8s.release.types import Revision
 from rigel_k8s.report import Reporter
+from rigel_stack.desired import desired_stack, render_stack
+from rigel_stack.manifests.scraping import GROUP_VERSION, KINDS
+from rigel_stack.manifests.stack import Stack
+from rigel_stack.password import ensure_administrator
 
 #: Seconds in which a machine can pull all images of the stack.
 PATIENT = 600.0

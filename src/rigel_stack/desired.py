@@ -16,18 +16,18 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import is_default_class
 from rigel_k8s.objects.overlay import merge, pod_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.observability import boards
 from rigel_k8s.observability.checks import check
-from rigel_k8s.observability.manifests.desired import stack_release
-from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions, StackRequest
-from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.pinning import pin
 from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
+from rigel_stack import boards
+from rigel_stack.manifests.desired import stack_release
+from rigel_stack.manifests.stack import Boards, Stack
+from rigel_stack.password import administrator_ref
 
 
 @attrs.frozen

@@ -10,14 +10,14 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.manifests.otelcollector import OTEL_COLLECTOR
-from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
-from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId
 from rigel_k8s.report import Reporter
+from rigel_stack.manifests.otelcollector import OTEL_COLLECTOR
+from rigel_stack.manifests.promtail import PROMTAIL
+from rigel_stack.password import administrator_ref
 
 LOOK = 0.5
 #: Seconds in which a collector can send what it has read.

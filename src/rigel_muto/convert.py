@@ -8,11 +8,11 @@ from pathlib import Path
 
 import attrs
 
+from rigel_build.recipe import Recipe
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.distros import CURRENT
 from rigel_k8s.errors import UserError
-from rigel_k8s.images.dockerfile import Recipe
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile import Finding, Source, place, problems_error, render, structure
 from rigel_k8s.rigelfile.findings import sort_findings

@@ -24,17 +24,17 @@ from typing import Any, Literal
 import attrs
 import pytest
 
-from rigel_k8s.errors import CommandFailed
-from rigel_k8s.images.registry import DIGESTS
-from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions
-from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
-from rigel_k8s.jobs.types.dockerfile import (
+from rigel_build.buildx import BuildXJob, BuildXOptions
+from rigel_build.dockerfile import (
     Compiler,
     DockerfileJob,
     DockerfileOptions,
     DockerfileVariable,
 )
+from rigel_k8s.errors import CommandFailed
+from rigel_k8s.images.registry import DIGESTS
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system import oci
 from rigel_lab.images import exporter

@@ -1,5 +1,1 @@
-"""Dockerfile texts, docker and podman, registries; independent of Kubernetes.
-
-`dockerfile` writes a Dockerfile. `tools` chooses an `engine`, `docker` or `podman`, whose output
-`progress` shows. `registry` asks registries for digests, with `credentials`.
-"""
+"""Image registries: their digests, and who may log in; independent of Kubernetes."""

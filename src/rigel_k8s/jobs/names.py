@@ -56,16 +56,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             f"{_TYPES}.orchestration:OrchestrationJob",
             ("rigel_k8s.OrchestrationPlugin", "src.plugin.OrchestrationPlugin"),
         ),
-        Builtin(
-            "dockerfile",
-            f"{_TYPES}.dockerfile:DockerfileJob",
-            ("rigel_k8s.DockerfilePlugin", "rigel.plugins.core.DockerfilePlugin"),
-        ),
-        Builtin(
-            "buildx",
-            f"{_TYPES}.buildx:BuildXJob",
-            ("rigel_k8s.BuildXPlugin", "rigel.plugins.core.BuildXPlugin"),
-        ),
     ),
     "provider": (
         Builtin(

@@ -41,7 +41,7 @@ UNUSED = (
     "rich",
     "rigel_exporter",
     "rigel_k8s.discovery",
-    "rigel_k8s.images.docker",
+    "rigel_build.docker",
     "rigel_k8s.jobs.rigelstyle",
     "rigel_muto",
     "rigel_k8s.network.modes.attached",

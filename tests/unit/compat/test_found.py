@@ -9,10 +9,10 @@ import pytest
 
 from rigel_k8s.compat.found import CommandLine, command_line, find_use
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.names import index_by_name
+from rigel_k8s.jobs.names import list_installed
 from rigel_k8s.rigelfile import Rigelfile, load, strip_places
 
-BUILTIN = index_by_name("job")["dockerfile"]
+[BUILTIN] = [one for one in list_installed("job") if one.short == "dockerfile"]
 
 TEXT = """
 vars: {v: "1.10", list: [a, b]}

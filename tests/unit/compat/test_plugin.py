@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 import rigel_k8s
+from rigel_build.dockerfile import DockerfileJob
 from rigel_k8s.compat.plugin import LogReport
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.jobs.types.container_registry import ContainerRegistry
-from rigel_k8s.jobs.types.dockerfile import DockerfileJob
 from rigel_k8s.problems import Problem
 
 from .rigelfiles import DOCKERFILE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.images.engine import mark, pass_on
+from rigel_build.engine import mark, pass_on
 
 DIGEST = "d4735e3a265e"  # of "2"
 

@@ -13,10 +13,10 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_build.docker import Docker, add_credentials, builder_platforms
+from rigel_build.engine import Build, Session
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.images.docker import Docker, add_credentials, builder_platforms
-from rigel_k8s.images.engine import Build, Session
 
 pytestmark = pytest.mark.programs
 

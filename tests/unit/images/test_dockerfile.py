@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.images.dockerfile import (
+from rigel_build.recipe import (
     Recipe,
     dockerfile,
     entrypoint,

@@ -11,10 +11,10 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_build.engine import Build, Session
+from rigel_build.podman import Podman, misses_sys_resource, registries_conf
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.images.engine import Build, Session
-from rigel_k8s.images.podman import Podman, misses_sys_resource, registries_conf
 from rigel_k8s.system.oci import host_platform
 
 pytestmark = pytest.mark.programs

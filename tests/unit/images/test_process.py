@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from rigel_build.process import LOGS, build, hint, stream
 from rigel_k8s.errors import CommandFailed, Interrupted
-from rigel_k8s.images.process import LOGS, build, hint, stream
 
 pytestmark = pytest.mark.programs
 

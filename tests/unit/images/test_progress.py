@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.images.progress import MOST_LINES, PAUSE, Steps, failure, step_of
+from rigel_build.progress import MOST_LINES, PAUSE, Steps, failure, step_of
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from rigel_lab.images.base.program import ETC, PREFIX, ProgramImage
 
 #: All but the lab: what the agent deploys has parts of each.
 HOUSES = (
-    *("rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s"),
+    *("rigel_build", "rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s"),
     *("rigel_multus", "rigel_muto", "rigel_stack"),
 )
 PYTHON = "3.11"

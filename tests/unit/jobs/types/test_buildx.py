@@ -11,12 +11,12 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_build import buildx
+from rigel_build.buildx import BuildXJob, BuildXOptions, image_names
+from rigel_build.engine import Build, Engine, Session
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.images.engine import Build, Engine, Session
 from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types import buildx
-from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions, image_names
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system.oci import host_platform
 from tests.support.recorder import Recorder

@@ -8,15 +8,15 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.dockerfile import (
+from rigel_build.dockerfile import (
     Compiler,
     DockerfileJob,
     DockerfileOptions,
     DockerfileVariable,
     DockerRun,
 )
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
 

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import attrs
 
+from rigel_build.engine import Build, Session, mark, pass_on
+from rigel_build.process import build as run_build
+from rigel_build.process import stream
+from rigel_build.progress import Steps
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import docker_config, is_loopback
-from rigel_k8s.images.engine import Build, Session, mark, pass_on
-from rigel_k8s.images.process import build as run_build
-from rigel_k8s.images.process import stream
-from rigel_k8s.images.progress import Steps
 from rigel_k8s.system.oci import host_platform
 from rigel_k8s.system.process import finish
 

@@ -10,10 +10,7 @@ from typing import ClassVar, Literal
 
 import attrs
 
-from rigel_k8s.distros import ROS1
-from rigel_k8s.errors import UserError
-from rigel_k8s.image_reference import parse_reference
-from rigel_k8s.images.dockerfile import (
+from rigel_build.recipe import (
     DOCKERFILE,
     ENTRYPOINT_FILE,
     Recipe,
@@ -22,6 +19,9 @@ from rigel_k8s.images.dockerfile import (
     exec_form,
     render_dockerignore,
 )
+from rigel_k8s.distros import ROS1
+from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem

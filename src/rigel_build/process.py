@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 
+from rigel_build.progress import failure
 from rigel_k8s.errors import CommandFailed
-from rigel_k8s.images.progress import failure
 from rigel_k8s.system import process
 from rigel_k8s.system.cache import cache_dir
 

@@ -13,13 +13,13 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
+from rigel_build.engine import Build, Engine, Session
+from rigel_build.process import stream
+from rigel_build.tools import find_engine
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials, is_private
-from rigel_k8s.images.engine import Build, Engine, Session
-from rigel_k8s.images.process import stream
 from rigel_k8s.images.registry import DIGESTS
-from rigel_k8s.images.tools import find_engine
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem

@@ -10,13 +10,13 @@ from typing import Any
 
 import attrs
 
+from rigel_build.engine import Build, Session, pass_on
+from rigel_build.process import build as run_build
+from rigel_build.process import stream
+from rigel_build.progress import Steps
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.image_reference import DOCKER_HUB
 from rigel_k8s.images.credentials import docker_config
-from rigel_k8s.images.engine import Build, Session, pass_on
-from rigel_k8s.images.process import build as run_build
-from rigel_k8s.images.process import stream
-from rigel_k8s.images.progress import Steps
 from rigel_k8s.system.oci import host_platform
 
 #: Parts of the user's docker configuration that a configuration of our own must still lead to.

@@ -6,10 +6,10 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from rigel_build.docker import Docker
+from rigel_build.engine import Engine
+from rigel_build.podman import ISOLATION, Podman, misses_sys_resource
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.images.docker import Docker
-from rigel_k8s.images.engine import Engine
-from rigel_k8s.images.podman import ISOLATION, Podman, misses_sys_resource
 from rigel_k8s.system.process import finish
 
 _PROBE_SECONDS = 60

@@ -31,7 +31,6 @@ WORDS = {
     "jobs": "runner and job types",
     "app": "one ROS application",
     "rosgraph": "live graph, pictures",
-    "discovery": "which nodes discover which",
     "observability": "exporter, readers of logs and metrics",
     "network": "modes: how pods find each other",
     "rigel_import": "launch and Compose files",

@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.discovery.members import Member, members
+from rigel_k8s.rosgraph.discovery.members import Member, members
 
 NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
 PROBE = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", "3"]

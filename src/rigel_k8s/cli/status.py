@@ -21,12 +21,12 @@ from rigel_k8s.cli.words import (
     release_argument,
     settings,
 )
-from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.rosgraph.types import GateStatus
 
 if TYPE_CHECKING:

@@ -11,9 +11,6 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from rigel_k8s.commands.targets import list_namespaces, release
-from rigel_k8s.discovery.check import survey
-from rigel_k8s.discovery.findings import DiscoveryGraph
-from rigel_k8s.discovery.looks import SPAN
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
@@ -24,6 +21,9 @@ from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
 from rigel_k8s.rosgraph import clocks
+from rigel_k8s.rosgraph.discovery.check import survey
+from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph
+from rigel_k8s.rosgraph.discovery.looks import SPAN
 from rigel_k8s.rosgraph.ros1 import read_gate
 from rigel_k8s.rosgraph.types import GateStatus
 from rigel_k8s.settings import Settings

@@ -2,5 +2,5 @@
 
 `reading.py` queries the cluster and returns a `RosGraph`; `problems.py` judges one; `drawing.py`
 draws one. Two graphs of a release can be compared with `==` (`types.py` defines what counts).
-Another package, `discovery/`, checks whether DDS nodes discover each other across machines.
+`discovery/` checks whether DDS nodes discover each other across machines.
 """

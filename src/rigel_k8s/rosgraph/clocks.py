@@ -22,11 +22,11 @@ from typing import Any
 import attrs
 
 from rigel_inpod.sent import read_module
-from rigel_k8s.discovery.inside import SHELL
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.facts import is_out_of_reach
 from rigel_k8s.problems import Problem
+from rigel_k8s.rosgraph.discovery.inside import SHELL
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.ros1 import PYTHONS
 

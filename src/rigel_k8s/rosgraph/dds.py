@@ -15,10 +15,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rigel_exporter import dds_names as names
-from rigel_k8s.discovery.inside import choose_domain, configure, listen
-from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.rosgraph.discovery.inside import choose_domain, configure, listen
+from rigel_k8s.rosgraph.discovery.members import Member
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import (
     GraphNode,

@@ -14,11 +14,11 @@ from typing import Any
 import attrs
 
 from rigel_exporter.notes import list_parts
-from rigel_k8s.discovery.losses import find_losses, measure_flows
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import ros1, ros2
+from rigel_k8s.rosgraph.discovery.losses import find_losses, measure_flows
 from rigel_k8s.rosgraph.pods import read_pods
 from rigel_k8s.rosgraph.types import GraphTopic
 

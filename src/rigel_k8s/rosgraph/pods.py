@@ -7,13 +7,6 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.discovery.members import (
-    find_container,
-    has_layer,
-    name_memory,
-    ros_of_note,
-    runs,
-)
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
 from rigel_k8s.objects.facts import has_ended, is_ending, is_ready
 from rigel_k8s.objects.marks import NAME_LABEL
@@ -24,6 +17,13 @@ from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.drift import describe_halt
 from rigel_k8s.ros import Ros
+from rigel_k8s.rosgraph.discovery.members import (
+    find_container,
+    has_layer,
+    name_memory,
+    ros_of_note,
+    runs,
+)
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.discovery.members import Member, members
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.ros import Ros
+from rigel_k8s.rosgraph.discovery.members import Member, members
 from rigel_k8s.rosgraph.pods import (
     GraphPod,
     expected_nodes,

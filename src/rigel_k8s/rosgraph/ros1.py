@@ -15,8 +15,6 @@ from typing import Any
 
 from rigel_exporter.ros1_traffic import Ledger
 from rigel_gate.calls import DESCRIBE_GATE
-from rigel_k8s.discovery.inside import read_module, run_inside
-from rigel_k8s.discovery.members import runs
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
@@ -25,6 +23,8 @@ from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.discovery.inside import read_module, run_inside
+from rigel_k8s.rosgraph.discovery.members import runs
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.types import (
     GateStatus,

@@ -15,13 +15,13 @@ from typing import Any
 import attrs
 
 from rigel_exporter.notes import Part, list_discovered, list_nodes, list_parts
-from rigel_k8s.discovery.inside import Unread, read_notes
-from rigel_k8s.discovery.losses import SETTLED, find_losses, measure_flows
-from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.problems import Problem
 from rigel_k8s.rosgraph import dds
+from rigel_k8s.rosgraph.discovery.inside import Unread, read_notes
+from rigel_k8s.rosgraph.discovery.losses import SETTLED, find_losses, measure_flows
+from rigel_k8s.rosgraph.discovery.members import Member
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import (
     SPAN,

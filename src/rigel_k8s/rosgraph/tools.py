@@ -17,11 +17,11 @@ from typing import Any
 import attrs
 
 from rigel_inpod.sent import LOADER, pack, read_module
-from rigel_k8s.discovery.inside import Place
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.objects.pods import SCRIPTS_PATH
+from rigel_k8s.rosgraph.discovery.inside import Place
 
 MOST = 100  # messages that wait for a slow terminal
 #: ROS 1 before noetic is on Python 2, and its image may have a Python 3 without it.

@@ -40,7 +40,7 @@ UNUSED = (
     "regex",
     "rich",
     "rigel_exporter",
-    "rigel_k8s.discovery",
+    "rigel_k8s.rosgraph.discovery",
     "rigel_build.docker",
     "rigel_k8s.jobs.rigelstyle",
     "rigel_muto",
@@ -79,7 +79,7 @@ def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) 
 
 
 #: What looking at the ROS graph and at the gate needs, and what only deploying needs.
-LOOKING = ("rigel_exporter", "rigel_k8s.discovery", "rigel_k8s.network.modes.peers", "xml")
+LOOKING = ("rigel_exporter", "rigel_k8s.rosgraph.discovery", "rigel_k8s.network.modes.peers", "xml")
 DEPLOYING = (
     "rigel_k8s.app.checks",
     "rigel_k8s.app.deploying.prepare",

@@ -14,7 +14,6 @@ from rigel_k8s.cli import tables
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
 from rigel_k8s.commands.status import Status
-from rigel_k8s.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import (
     AWAY,
@@ -25,6 +24,7 @@ from rigel_k8s.release.status import (
     WorkloadStatus,
 )
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.rosgraph.expectations import Verdict
 from rigel_k8s.rosgraph.types import GateStatus, NameConflict, WaitingNode
 

@@ -22,7 +22,6 @@ from rigel_k8s.cli.status import status_text
 from rigel_k8s.cli.tables import age
 from rigel_k8s.commands.pods import find_matching, pod_of
 from rigel_k8s.commands.status import Status
-from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.podnodes import NODES_ANNOTATION, split_all
@@ -34,6 +33,7 @@ from rigel_k8s.release.revisions import records
 from rigel_k8s.release.rollback import find_unfinished
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import Desired
+from rigel_k8s.rosgraph.discovery.members import members
 from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_ui.nodes import node_entry
 from tests.support.controllers import Controllers

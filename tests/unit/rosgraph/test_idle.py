@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.discovery.inside import Unread
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import idle
+from rigel_k8s.rosgraph.discovery.inside import Unread
 from rigel_k8s.rosgraph.idle import list_busy, wait_until_idle
 from tests.support.recorder import Recorder
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.discovery import inside
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
@@ -21,6 +20,7 @@ from rigel_k8s.objects import pods
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import ros1
+from rigel_k8s.rosgraph.discovery import inside
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.types import (
     GateStatus,

@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.discovery.inside import Unread
-from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.rosgraph import dds, ros2
+from rigel_k8s.rosgraph.discovery.inside import Unread
+from rigel_k8s.rosgraph.discovery.members import members
 from rigel_k8s.rosgraph.pods import GraphPod, read_pod
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph

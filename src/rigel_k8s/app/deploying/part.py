@@ -155,7 +155,7 @@ class ApplicationHooks(Hooks):
         """
         options = run.options
         if self.ros.dds:
-            from rigel_k8s.discovery.check import check as check_graph
+            from rigel_k8s.rosgraph.discovery.check import check as check_graph
 
             notes = self.graph.notes if self.graph is not None else {}
             check_graph(run.release, run.cluster, options.report, options.cancel, notes)

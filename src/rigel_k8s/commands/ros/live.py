@@ -9,12 +9,12 @@ import attrs
 
 from rigel_k8s.commands.pods import Pod, find_matching, no_node_error, pod_of
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.rigelfile import name_nearest
+from rigel_k8s.rosgraph.discovery.members import members
 from rigel_k8s.rosgraph.pods import read_pods
 from rigel_k8s.rosgraph.reading import choose_ros, read_graph_of
 from rigel_k8s.rosgraph.tools import ROS1, ROS2, CannotRun, Tool

@@ -11,13 +11,13 @@ import pytest
 
 from rigel_k8s import deploy as deploys
 from rigel_k8s import kube
-from rigel_k8s.discovery import check as discovery
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import idle, watching
+from rigel_k8s.rosgraph.discovery import check as discovery
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.rosgraph.watching import GraphWorse
 from rigel_k8s.settings import Application, Settings

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from rigel_k8s import kube
-from rigel_k8s.discovery import check as graph
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
@@ -19,6 +18,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions, types
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
+from rigel_k8s.rosgraph.discovery import check as graph
 from rigel_k8s.settings import Application, Settings
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running, unready

@@ -10,9 +10,6 @@ import threading
 import time
 from collections.abc import Mapping
 
-from rigel_k8s.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.discovery.looks import Notes, look
-from rigel_k8s.discovery.members import members
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import Manifest
@@ -22,6 +19,9 @@ from rigel_k8s.release.rollout.causes import explain_pod
 from rigel_k8s.release.rollout.standing import count_crashes
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
+from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, graph
+from rigel_k8s.rosgraph.discovery.looks import Notes, look
+from rigel_k8s.rosgraph.discovery.members import members
 
 PATIENCE = 20.0  # seconds that the nodes have to discover each other after a deploy
 #: On a busy machine a look takes long, and discovery, too: so many looks may find what it may

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 from rigel_inpod.sent import LOADER, pack, read_module
-from rigel_k8s.discovery.members import Member
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
 from rigel_k8s.network.modes import mode_named
+from rigel_k8s.rosgraph.discovery.members import Member
 
 __all__ = ["listen", "read_module", "read_notes", "run_inside"]
 

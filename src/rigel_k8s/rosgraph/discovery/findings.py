@@ -12,13 +12,13 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.discovery.looks import Observation
-from rigel_k8s.discovery.losses import find_losses
-from rigel_k8s.discovery.members import Member
 from rigel_k8s.network.modes import mode_named
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem, Severity
+from rigel_k8s.rosgraph.discovery.looks import Observation
+from rigel_k8s.rosgraph.discovery.losses import find_losses
+from rigel_k8s.rosgraph.discovery.members import Member
 
 SWITCH = (
     "check the network between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"

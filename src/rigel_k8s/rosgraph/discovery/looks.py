@@ -14,10 +14,10 @@ from typing import Any
 import attrs
 
 from rigel_exporter.notes import list_nodes
-from rigel_k8s.discovery.inside import Unread, configure, listen, read_notes
-from rigel_k8s.discovery.losses import Flow, measure_flows
-from rigel_k8s.discovery.members import Member
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.rosgraph.discovery.inside import Unread, configure, listen, read_notes
+from rigel_k8s.rosgraph.discovery.losses import Flow, measure_flows
+from rigel_k8s.rosgraph.discovery.members import Member
 
 SPAN = 1.0  # seconds between two readings of notes
 #: POD/CONTAINER -> what its processes noted, `first` and `second`.

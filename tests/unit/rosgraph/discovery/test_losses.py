@@ -8,9 +8,9 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.discovery.findings import graph
-from rigel_k8s.discovery.looks import of_notes
-from rigel_k8s.discovery.losses import Loss, find_losses, measure_flows
+from rigel_k8s.rosgraph.discovery.findings import graph
+from rigel_k8s.rosgraph.discovery.looks import of_notes
+from rigel_k8s.rosgraph.discovery.losses import Loss, find_losses, measure_flows
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
 from tests.support.members import member

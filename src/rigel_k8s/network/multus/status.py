@@ -10,7 +10,7 @@ import attrs
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.install import find
 from rigel_k8s.network.multus.installation import PARTS, Presence
-from rigel_k8s.network.multus.interfaces import Missing, find_without_interface
+from rigel_k8s.network.multus.interfaces import UnattachedPod, find_without_interface
 from rigel_k8s.network.multus.proving import find_proven
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready, stays_ready
@@ -61,7 +61,7 @@ class NetworkStatus:
     multus: PartStatus | None
     whereabouts: PartStatus | None
     nodes: tuple[NodeStatus, ...]
-    missing: tuple[Missing, ...]
+    missing: tuple[UnattachedPod, ...]
 
     @property
     def ok(self) -> bool:

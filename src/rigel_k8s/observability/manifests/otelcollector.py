@@ -15,7 +15,7 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import otelcollector as lines
-from rigel_k8s.observability.manifests.program import Draft, list_loki_variables, load
+from rigel_k8s.observability.manifests.program import ProgramDraft, list_loki_variables, load
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
@@ -25,7 +25,7 @@ LOGIN = "basicauth/loki"
 
 def otel_collector(stack: Stack) -> Iterator[Object]:
     config = stack.config_map(OTEL_COLLECTOR, {"collector.yaml": configuration(stack)})
-    draft = Draft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
+    draft = ProgramDraft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
     draft.container["env"] += list_loki_variables(stack)
     return draft.objects()
 

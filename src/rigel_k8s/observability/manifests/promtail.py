@@ -11,7 +11,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability.manifests import otelcollector as lines
-from rigel_k8s.observability.manifests.program import Draft, load
+from rigel_k8s.observability.manifests.program import ProgramDraft, load
 from rigel_k8s.observability.manifests.scraping import contract, rules
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
@@ -23,7 +23,7 @@ SECRET = "/etc/promtail-loki"
 
 def promtail(stack: Stack) -> Iterator[Object]:
     config = stack.config_map(PROMTAIL, {"promtail.yaml": configuration(stack)})
-    draft = Draft(stack, PROMTAIL, stack.options.promtail, [config])
+    draft = ProgramDraft(stack, PROMTAIL, stack.options.promtail, [config])
     if stack.other_loki and (secret := stack.other_loki.secret):
         draft.pod["volumes"].append({"name": "loki", "secret": {"secretName": str(secret)}})
         login = {"name": "loki", "mountPath": SECRET, "readOnly": True}

@@ -76,7 +76,8 @@ class Look(object):
         self.memory.save()
         for node in nodes.values():
             self._answers(node)
-        return [name + " waits to take over" * (name in waiting) for name in sorted(nodes)]
+        state = dict.fromkeys(waiting, " waits to take over")
+        return [name + state.get(name, "") for name in sorted(nodes)]
 
     def _ask(self, method, *arguments):
         """Return the master's value for a call; None if the master has none."""

@@ -26,7 +26,7 @@ class InterfaceRequest:
 
 
 @attrs.frozen
-class Missing:
+class UnattachedPod:
     """A running pod without networks that it requests, each NAMESPACE/NAME."""
 
     namespace: str
@@ -59,7 +59,7 @@ def requests_of(pod: Pod) -> list[InterfaceRequest]:
     return list_requests(meta.get("annotations") or {}, meta.get("namespace", "default"))
 
 
-def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
+def find_without_interface(pods: Iterable[Pod]) -> list[UnattachedPod]:
     """Return the running pods without a network that they request; a restart gives it to them."""
     found = []
     for pod in pods:
@@ -78,7 +78,7 @@ def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
         if missing:
             node = pod.get("spec", {}).get("nodeName", "")
             namespace = meta.get("namespace", "default")
-            found.append(Missing(namespace, meta["name"], node, tuple(missing)))
+            found.append(UnattachedPod(namespace, meta["name"], node, tuple(missing)))
     return found
 
 

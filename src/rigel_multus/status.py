@@ -12,7 +12,7 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready, stays_ready
 from rigel_multus.install import find
 from rigel_multus.installation import PARTS, Presence
-from rigel_multus.interfaces import Missing, find_without_interface
+from rigel_multus.interfaces import UnattachedPod, find_without_interface
 from rigel_multus.proving import find_proven
 
 
@@ -61,7 +61,7 @@ class NetworkStatus:
     multus: PartStatus | None
     whereabouts: PartStatus | None
     nodes: tuple[NodeStatus, ...]
-    missing: tuple[Missing, ...]
+    missing: tuple[UnattachedPod, ...]
 
     @property
     def ok(self) -> bool:

@@ -86,7 +86,7 @@ def make_test_pod(job: Manifest) -> Object:
     return {"apiVersion": "v1", "kind": "Pod", "metadata": {**own, **described}, "spec": spec}
 
 
-def find_shared(options: OrchestrationOptions, ros: Generation) -> Iterator[tuple[Path, str]]:
+def find_collisions(options: OrchestrationOptions, ros: Generation) -> Iterator[tuple[Path, str]]:
     """Yield options by which deploys in two namespaces would disturb each other, and how.
 
     What `patch` and `additional_k8s_params` add is not examined.

@@ -34,7 +34,7 @@ def find_changed(
     Args:
         list_pods: returns the pods of a workload's newest template.
     """
-    uses = [(live, *use) for live in workloads for use in list_sources(live)]
+    uses = [(live, *use) for live in workloads for use in list_variable_sources(live)]
     refs = sorted({ref for _, _, ref in uses}, key=str)
     changes = cluster.parallel(lambda ref: read_change(cluster, ref), refs)
     times = dict(zip(refs, changes, strict=True))
@@ -47,7 +47,7 @@ def find_changed(
     return sorted(found)
 
 
-def list_sources(workload: Manifest) -> Iterator[tuple[str, ObjectRef]]:
+def list_variable_sources(workload: Manifest) -> Iterator[tuple[str, ObjectRef]]:
     """Yield each container of a workload with what it reads as variables."""
     namespace = workload["metadata"]["namespace"]
     for container in containers_of(workload):

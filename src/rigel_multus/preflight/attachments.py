@@ -20,7 +20,7 @@ ON_AN_INTERFACE = ("macvlan", "ipvlan")
 
 
 @attrs.frozen
-class Range:
+class AddressRange:
     """Addresses that are given out: from first to last, except the excluded ones."""
 
     subnet: Subnet
@@ -50,7 +50,7 @@ class Range:
 
 
 @attrs.frozen
-class Attachment:
+class AttachmentFacts:
     """A second network as Multus reads it.
 
     Attributes:
@@ -67,20 +67,20 @@ class Attachment:
     master: str | None = None
     mtu: int = 0
     ipam: str = ""
-    ranges: tuple[Range, ...] = ()
+    ranges: tuple[AddressRange, ...] = ()
 
 
-def read_attachment(manifest: Mapping[str, Any]) -> Attachment:
+def read_attachment(manifest: Mapping[str, Any]) -> AttachmentFacts:
     """Return a NetworkAttachmentDefinition's facts; of an invalid one only its name."""
     meta = manifest["metadata"]
     key = f"{meta.get('namespace', '')}/{meta['name']}"
     config: dict[str, Any] = parse_json((manifest.get("spec") or {}).get("config"), {})
     plugins = list(list_mappings(config.get("plugins", [config] if config else [])))
     if not plugins:
-        return Attachment(key)
+        return AttachmentFacts(key)
     main, ipam = plugins[0], plugins[0].get("ipam") or {}
     programs = [*(plugin.get("type") for plugin in plugins), ipam.get("type")]
-    return Attachment(
+    return AttachmentFacts(
         key,
         program=str(main.get("type", "")),
         programs=tuple(str(name) for name in programs if name),
@@ -91,7 +91,7 @@ def read_attachment(manifest: Mapping[str, Any]) -> Attachment:
     )
 
 
-def read_ranges(ipam: Mapping[str, Any]) -> Iterator[Range]:
+def read_ranges(ipam: Mapping[str, Any]) -> Iterator[AddressRange]:
     """Yield the ranges of whereabouts (`range`, `ipRanges`) or host-local (`subnet`, `ranges`)."""
     nested = [one for some in ipam.get("ranges") or [] for one in some]
     for one in [ipam, *(ipam.get("ipRanges") or []), *nested]:
@@ -108,7 +108,9 @@ def read_ranges(ipam: Mapping[str, Any]) -> Iterator[Range]:
             yield made
 
 
-def make_range(text: str, start: str | None, end: str | None, exclude: list[str]) -> Range | None:
+def make_range(
+    text: str, start: str | None, end: str | None, exclude: list[str]
+) -> AddressRange | None:
     """Return the addresses of a subnet that a host may have, None if it is invalid."""
     whole = read_subnet(text)
     if whole is None:
@@ -117,7 +119,7 @@ def make_range(text: str, start: str | None, end: str | None, exclude: list[str]
     if whole.num_addresses > 2:
         first, last = first + 1, last - 1
     taken = tuple(one for one in map(read_subnet, exclude) if one is not None)
-    return Range(whole, read_address(start) or first, read_address(end) or last, taken)
+    return AddressRange(whole, read_address(start) or first, read_address(end) or last, taken)
 
 
 def read_subnet(text: object) -> Subnet | None:

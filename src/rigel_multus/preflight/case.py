@@ -13,8 +13,8 @@ from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.scheduling import may_run
 from rigel_multus.interfaces import InterfaceRequest, list_requests
 from rigel_multus.preflight.attachments import (
-    Attachment,
-    Range,
+    AddressRange,
+    AttachmentFacts,
     make_range,
     read_address,
     read_subnet,
@@ -74,7 +74,7 @@ class ClusterView:
     nodes: Sequence[Manifest] = ()
     daemons: Mapping[str, Daemon] | None = attrs.field(factory=dict)
     machines: Mapping[str, MachineFacts] = attrs.field(factory=dict)
-    attachments: Mapping[str, Attachment] = attrs.field(factory=dict)
+    attachments: Mapping[str, AttachmentFacts] = attrs.field(factory=dict)
     unread: frozenset[str] = frozenset()
     services: Sequence[Subnet] = ()
 
@@ -89,7 +89,7 @@ class Case:
 
     network: Network
     wanted: Sequence[Wanted]
-    own: Mapping[str, Attachment]
+    own: Mapping[str, AttachmentFacts]
     view: ClusterView = ClusterView()
 
     @cached_property
@@ -102,12 +102,12 @@ class Case:
         return {node["metadata"]["name"] for node in self.view.nodes if is_ready(node)}
 
     @cached_property
-    def attachments(self) -> list[Attachment]:
+    def attachments(self) -> list[AttachmentFacts]:
         """Those of them that exist, or are part of the release."""
         known = {**self.view.attachments, **self.own}
         return [known[key] for key in self.keys if key in known]
 
-    def users(self, one: Attachment) -> list[Wanted]:
+    def users(self, one: AttachmentFacts) -> list[Wanted]:
         """Return the workloads that request an attachment."""
         return [pod for pod in self.wanted if pod.requests_network(one.key)]
 
@@ -117,12 +117,12 @@ class Case:
         fitting = (n for n in self.view.nodes if any(may_run(pod, n) for pod in pods))
         return sorted(node["metadata"]["name"] for node in fitting)
 
-    def machines(self, one: Attachment | None = None) -> dict[str, MachineFacts]:
+    def machines(self, one: AttachmentFacts | None = None) -> dict[str, MachineFacts]:
         """Return the machines that pods (default: all) may run on, as far as they were seen."""
         nodes = self.nodes(None if one is None else self.users(one))
         return {node: self.view.machines[node] for node in nodes if node in self.view.machines}
 
-    def ranges(self, one: Attachment) -> Sequence[Range]:
+    def ranges(self, one: AttachmentFacts) -> Sequence[AddressRange]:
         """Return which addresses an attachment gives out; static ones are in the Rigelfile."""
         if one.ranges or one.ipam != "static":
             return one.ranges
@@ -132,7 +132,7 @@ class Case:
         )
         return (made,) if made else ()
 
-    def list_asked_addresses(self, one: Attachment) -> set[Address]:
+    def list_asked_addresses(self, one: AttachmentFacts) -> set[Address]:
         """Return the single addresses that workloads request."""
         requests = [r for pod in self.wanted for r in pod.requests if r.key == one.key]
         found = (read_address(text) for request in requests for text in request.addresses)

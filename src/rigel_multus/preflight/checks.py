@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.problems import Problem
 from rigel_multus.manifests import STANDARD
-from rigel_multus.preflight.attachments import ON_AN_INTERFACE, Attachment, Range
+from rigel_multus.preflight.attachments import ON_AN_INTERFACE, AddressRange, AttachmentFacts
 from rigel_multus.preflight.case import Case
 from rigel_multus.preflight.machine import Daemon, Interface, MachineFacts, Subnet
 
@@ -267,7 +267,7 @@ def list_usable(facts: MachineFacts) -> str:
 
 
 def check_fitness(
-    one: Attachment, machines: Mapping[str, MachineFacts], masters: Mapping[str, str]
+    one: AttachmentFacts, machines: Mapping[str, MachineFacts], masters: Mapping[str, str]
 ) -> Iterator[Problem]:
     """Yield interfaces that cannot carry the attachment; machines with the same one together."""
     alike: dict[Interface, list[str]] = {}
@@ -319,12 +319,12 @@ def check_addresses(case: Case) -> Iterator[Problem]:
                 )
 
 
-def overlap(given: Range, other: Subnet) -> bool:
+def overlap(given: AddressRange, other: Subnet) -> bool:
     """Return whether a range's subnet overlaps another one."""
     return given.subnet.version == other.version and given.subnet.overlaps(other)
 
 
-def describe_overlap(kind: PreflightKind, given: Range, what: str) -> Problem:
+def describe_overlap(kind: PreflightKind, given: AddressRange, what: str) -> Problem:
     """Return the problem that a range overlaps one of the cluster's networks."""
     return kind.problem(
         f"subnet {given.subnet} overlaps {what}: pods would look for those on the second network",

@@ -21,7 +21,7 @@ from rigel_multus.preflight.attachments import (
     KIND,
     POOL_API,
     POOL_KIND,
-    Attachment,
+    AttachmentFacts,
     read_attachment,
     read_subnet,
 )
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Manifest = Mapping[str, Any]
 #: Attachments by NAMESPACE/NAME, and those that could not be read.
-Attachments = tuple[dict[str, Attachment], frozenset[str]]
+Attachments = tuple[dict[str, AttachmentFacts], frozenset[str]]
 
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
@@ -163,7 +163,7 @@ class Examination:
         return {one.key: one for one in map(read_attachment, items)}, frozenset()
 
     def find_named(self, keys: Sequence[str]) -> Attachments:
-        found: dict[str, Attachment] = {}
+        found: dict[str, AttachmentFacts] = {}
         unread = []
         for key in keys:
             namespace, _, name = key.partition("/")

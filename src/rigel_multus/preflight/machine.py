@@ -194,12 +194,12 @@ def parse(text: str) -> MachineFacts:
     return MachineFacts(
         interfaces,
         defaults[0] if defaults else None,
-        frozenset(read_addresses(sections["addresses"])),
+        frozenset(parse_addresses(sections["addresses"])),
         programs,
     )
 
 
-def read_addresses(lines: list[str]) -> Iterator[Address]:
+def parse_addresses(lines: list[str]) -> Iterator[Address]:
     """Read /proc/net/fib_trie: the machine's own addresses are its /32 entries with LOCAL."""
     leaf = ""
     for line in lines:

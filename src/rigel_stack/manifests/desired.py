@@ -17,7 +17,7 @@ from rigel_k8s.observability.options import ChartProgram
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_stack.manifests.otelcollector import OTEL_COLLECTOR, otel_collector
 from rigel_stack.manifests.program import (
-    Draft,
+    ProgramDraft,
     list_loki_variables,
     load,
     read_file,
@@ -64,9 +64,9 @@ def _objects(stack: Stack) -> Iterator[Object]:
     if stack.operator is not None:
         yield from monitoring(stack, stack.operator)
     if stack.kube_state_metrics.enabled:
-        yield from Draft(stack, KUBE_STATE_METRICS, stack.kube_state_metrics).objects()
+        yield from ProgramDraft(stack, KUBE_STATE_METRICS, stack.kube_state_metrics).objects()
     if stack.options.node_exporter.enabled:
-        yield from Draft(stack, NODE_EXPORTER, stack.options.node_exporter).objects()
+        yield from ProgramDraft(stack, NODE_EXPORTER, stack.options.node_exporter).objects()
     if stack.has_grafana:
         yield from grafana(stack)
     elif stack.other_grafana is not None:
@@ -85,7 +85,7 @@ def loki(stack: Stack) -> Iterator[Object]:
         "otlp_config": {"resource_attributes": attributes},
     }
     text = yaml.safe_dump(config, sort_keys=False)
-    draft = Draft(stack, LOKI, options, [stack.config_map(LOKI, {"loki.yaml": text})])
+    draft = ProgramDraft(stack, LOKI, options, [stack.config_map(LOKI, {"loki.yaml": text})])
     draft.keep(options.persistence)
     return draft.objects()
 
@@ -94,7 +94,7 @@ def prometheus(stack: Stack) -> Iterator[Object]:
     options = stack.options.prometheus
     config = stack.config_map(PROMETHEUS, {"prometheus.yml": write_prometheus_config(stack)})
     rules = stack.config_map(f"{PROMETHEUS}-rules", stack.boards.rules, PROMETHEUS)
-    draft = Draft(stack, PROMETHEUS, options, [config, rules])
+    draft = ProgramDraft(stack, PROMETHEUS, options, [config, rules])
     retention = options.retention or "15d"
     draft.container["args"].append(f"--storage.tsdb.retention.time={retention}")
     draft.keep(options.persistence)
@@ -108,7 +108,7 @@ def grafana(stack: Stack) -> Iterator[Object]:
         "datasources.yaml": _datasources(stack),
         "dashboards.yaml": read_file("dashboards.yaml"),
     }
-    draft = Draft(stack, GRAFANA, options, [stack.config_map(GRAFANA, texts)])
+    draft = ProgramDraft(stack, GRAFANA, options, [stack.config_map(GRAFANA, texts)])
     draft.container["env"] += list_loki_variables(stack)
     shown = list(dashboards(stack))
     (volume,) = (one for one in draft.pod["volumes"] if one["name"] == "dashboards")

@@ -16,7 +16,7 @@ from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability import lines
 from rigel_k8s.observability.names import LABELS
-from rigel_stack.manifests.program import Draft, list_loki_variables, load
+from rigel_stack.manifests.program import ProgramDraft, list_loki_variables, load
 from rigel_stack.manifests.stack import Stack
 
 OTEL_COLLECTOR = "otel-collector"
@@ -25,7 +25,7 @@ LOGIN = "basicauth/loki"
 
 def otel_collector(stack: Stack) -> Iterator[Object]:
     config = stack.config_map(OTEL_COLLECTOR, {"collector.yaml": configuration(stack)})
-    draft = Draft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
+    draft = ProgramDraft(stack, OTEL_COLLECTOR, stack.options.otel_collector, [config])
     draft.container["env"] += list_loki_variables(stack)
     return draft.objects()
 

@@ -41,7 +41,7 @@ EVERY_MACHINE: Object = {
 
 
 @attrs.define
-class Draft:
+class ProgramDraft:
     """A program before its objects are made.
 
     Attributes:

@@ -12,7 +12,7 @@ from rigel_k8s.objects.podnodes import NODES_ANNOTATION
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.observability import lines
 from rigel_k8s.observability.names import LABELS
-from rigel_stack.manifests.program import Draft, load
+from rigel_stack.manifests.program import ProgramDraft, load
 from rigel_stack.manifests.scraping import contract, rules
 from rigel_stack.manifests.stack import Stack
 
@@ -23,7 +23,7 @@ SECRET = "/etc/promtail-loki"
 
 def promtail(stack: Stack) -> Iterator[Object]:
     config = stack.config_map(PROMTAIL, {"promtail.yaml": configuration(stack)})
-    draft = Draft(stack, PROMTAIL, stack.options.promtail, [config])
+    draft = ProgramDraft(stack, PROMTAIL, stack.options.promtail, [config])
     if stack.other_loki and (secret := stack.other_loki.secret):
         draft.pod["volumes"].append({"name": "loki", "secret": {"secretName": str(secret)}})
         login = {"name": "loki", "mountPath": SECRET, "readOnly": True}

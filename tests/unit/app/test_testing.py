@@ -9,7 +9,7 @@ import yaml
 
 from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.testing import choose_nodes, find_shared, make_test_pod
+from rigel_k8s.app.testing import choose_nodes, find_collisions, make_test_pod
 
 from .shapes import find, options, problems, release
 
@@ -163,7 +163,7 @@ def test_what_has_no_effect_on_it_is_refused() -> None:
 def list_shared(text: str, distro: str = "jazzy") -> list[str]:
     """Return the paths of what two deploys at the same time share."""
     made = options(f"{{image: robot:1, {text}}}")
-    found = find_shared(made, generation_of(distro, made.ros))
+    found = find_collisions(made, generation_of(distro, made.ros))
     return [".".join(map(str, path)) for path, _ in found]
 
 

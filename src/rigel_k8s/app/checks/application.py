@@ -25,7 +25,7 @@ from rigel_k8s.app.checks.contradictions import check_contradictions
 from rigel_k8s.app.checks.network import check_network, check_network_policy
 from rigel_k8s.app.checks.nodes import check_node
 from rigel_k8s.app.checks.patches import check_patch
-from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, names_of
+from rigel_k8s.app.checks.pods import check_pods, group_nodes, name_obstacle, pod_names
 from rigel_k8s.app.checks.security import check_security
 from rigel_k8s.app.generation import Generation, generation_of
 from rigel_k8s.app.layer import NOT_BUILT, choose_layer, pods_name
@@ -150,7 +150,7 @@ def check_shared_names(
     if ros.rmw:
         owners = {pods_name(name): name for name in workloads}
         taken |= {name: f'the Service of the pods of "{key}"' for name, key in owners.items()}
-    pods = names_of(options)
+    pods = pod_names(options)
     for key, node in options.nodes.items():
         if node.pod and object_name(node.pod) in taken:
             owner = taken[object_name(node.pod)]

@@ -276,7 +276,8 @@ def explain_middleware(subject: Subject, value: str | None) -> Flaw | None:
     if not value or (expected is None and given != "zenoh") or given == expected:
         return None
     if expected is None:
-        own_router = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"} & names_of(subject.node)
+        routed = {"ZENOH_CONFIG_OVERRIDE", "ZENOH_SESSION_CONFIG_URI"}
+        own_router = routed & variable_names(subject.node)
         if own_router or (not mode.connects and (release.network or release.pods < 2)):
             return None
         return Flaw("zenoh needs a router: remove it, and set `network: zenoh`, which has one")
@@ -288,7 +289,7 @@ def explain_middleware(subject: Subject, value: str | None) -> Flaw | None:
     return Flaw(message, "error" if mode.connects else "warning")
 
 
-def names_of(node: NodeOptions) -> set[str]:
+def variable_names(node: NodeOptions) -> set[str]:
     """Return the names of the variables of a node's `env`."""
     return {name for name, _ in entries(node.env)}
 
@@ -340,7 +341,7 @@ def explain_servers(subject: Subject, value: str | None) -> Flaw | None:
         message = "the node asks other servers than the release's, and finds none of its nodes"
         return Flaw(f"{message}: remove it, or write {';'.join(ours)} before them")
     others = [one for one in release.options.nodes.values() if one is not subject.node]
-    if not value or all("ROS_DISCOVERY_SERVER" in names_of(one) for one in others):
+    if not value or all("ROS_DISCOVERY_SERVER" in variable_names(one) for one in others):
         return None
     message = "a client of a discovery server finds only its other clients: remove it, and set"
     return Flaw(f"{message} `network: discovery-server`", "warning")

@@ -154,6 +154,6 @@ def name_obstacle(obstacles: Mapping[str, str | None], key: str) -> str | None:
     return next((f"{other}: {why}" for other, why in obstacles.items() if why), None)
 
 
-def names_of(options: OrchestrationOptions) -> dict[str, str]:
+def pod_names(options: OrchestrationOptions) -> dict[str, str]:
     """Return the names on Kubernetes that pods of several nodes take, and what messages call it."""
     return {object_name(pod): f'the pod "{pod}"' for pod in group_nodes(options)}

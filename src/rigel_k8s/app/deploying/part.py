@@ -151,7 +151,7 @@ class ApplicationHooks(Hooks):
         """Check that DDS nodes discover each other, and copy the results.
 
         Raises:
-            GraphError: they do not; ROS 1 nodes find each other by their master.
+            DiscoveryError: they do not; ROS 1 nodes find each other by their master.
         """
         options = run.options
         if self.ros.dds:

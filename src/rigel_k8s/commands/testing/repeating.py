@@ -11,7 +11,7 @@ import attrs
 
 from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.testing import find_shared
+from rigel_k8s.app.testing import find_collisions
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.testing.results import RUN, Result, State, remove_results, write_results
 from rigel_k8s.commands.testing.run import Trial, run_tests
@@ -122,7 +122,7 @@ def require_apart(prepared: Prepared) -> None:
             ros = generation_of(application.distro, seen.options.ros)
             shared = (
                 Problem(path, message, "conflict", at_key=True)
-                for path, message in find_shared(seen.options, ros)
+                for path, message in find_collisions(seen.options, ros)
             )
             found += [render(source, one) for one in seen.place_problems(shared)]
         elif seen.options is not None and isinstance(job.type, Exclusive):

@@ -128,7 +128,7 @@ class OrchestrationJob:
         Raises:
             UserError: the options do not fit the cluster or the release; nothing was written.
             ClusterError, RolloutFailed: it went wrong; the causes are in the details.
-            GraphError: it is deployed, and its DDS nodes do not discover each other.
+            DiscoveryError: it is deployed, and its DDS nodes do not discover each other.
             GraphWorse: it was rolled back, as `rollback_on` requests.
         """
         deploy(self, options, job)

@@ -163,7 +163,7 @@ OLD_STRATEGY = "spec.strategy.rollingUpdate"
 
 
 @attrs.frozen
-class Trial:
+class TriedPod:
     """A pod that is tried, and the workloads whose template it is made from."""
 
     pod: Manifest
@@ -174,7 +174,7 @@ def choose_trials(
     candidates: Iterable[Manifest],
     live: Mapping[ObjectRef, Manifest],
     manifests: Iterable[Manifest],
-) -> list[Trial]:
+) -> list[TriedPod]:
     """Return the pods to try: one for each template that the cluster does not have yet.
 
     Args:
@@ -190,7 +190,7 @@ def choose_trials(
             key = json.dumps([manifest["metadata"].get("namespace"), template], sort_keys=True)
             chosen.setdefault(key, []).append(manifest)
     return [
-        Trial(make_pod(same[0], accounts), tuple(ref_of(manifest) for manifest in same))
+        TriedPod(make_pod(same[0], accounts), tuple(ref_of(manifest) for manifest in same))
         for same in chosen.values()
     ]
 
@@ -246,7 +246,7 @@ def make_pod(workload: Manifest, accounts: Collection[str]) -> dict[str, Any]:
     }
 
 
-def try_pod(cluster: Cluster, trial: Trial) -> Manifest | Refusal | None:
+def try_pod(cluster: Cluster, trial: TriedPod) -> Manifest | Refusal | None:
     """Return the pod as the cluster would store it, why it would refuse it, or None: unknown.
 
     It is unknown if we may not create pods, if a webhook does not support dry runs, and if the

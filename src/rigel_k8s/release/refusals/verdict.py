@@ -75,7 +75,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         *find_foreign(survey),
         *find_invalid(survey),
         *find_refused_pods(survey),
-        *find_obstacles(survey),
+        *explain_obstacles(survey),
     ]
     lines = [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]
     if problems:
@@ -244,7 +244,7 @@ def find_refused_pods(survey: Survey) -> Iterator[Problem]:
         yield make_problem(survey, refs, f"the cluster refuses its pods: {reason}", ground)
 
 
-def find_obstacles(survey: Survey) -> Iterator[Problem]:
+def explain_obstacles(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each obstacle of what the release needs."""
     optional = {ref_of(m) for m in survey.manifests if is_optional(m)}
     shared: dict[tuple[str, str], list[ObjectRef]] = {}

@@ -74,7 +74,8 @@ class Account:
         for seen in fresh:
             seen.lines = [seen.cause.message, *self.read_log(seen)]
         self.warn(passed)
-        for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
+        first = dict(reversed(found))  # of each workload: two causes would be shown in turn
+        for ref, cause in first.items():
             self.show(ref, cause.message, done=False, brief=cause.brief)
         hopeless = [
             seen

@@ -34,7 +34,7 @@ LATER = 4.0  # seconds until a look that decides; processes note what they disco
 DOUBTFUL = frozenset({"deaf", "no-participant", "undiscovered"})
 
 
-class GraphError(RigelK8sError):
+class DiscoveryError(RigelK8sError):
     """Nodes do not discover each other as the Rigelfile requests; the release is deployed."""
 
 
@@ -77,8 +77,8 @@ def check(
         known: notes that were read since the roll-out, for the first look.
 
     Raises:
-        GraphError: nodes do not discover each other, although `network` requests it; or a pod has
-            crashed meanwhile.
+        DiscoveryError: nodes do not discover each other, although `network` requests it; or a pod
+            has crashed meanwhile.
         Interrupted: `cancel` was set.
     """
     before = {name_of(pod): count_crashes(pod) for pod in list_pods(cluster, release)}
@@ -103,7 +103,7 @@ def refuse_crashes(
     found: DiscoveryGraph,
     cancel: threading.Event,
 ) -> None:
-    """Raise GraphError if a pod has crashed since it was ready.
+    """Raise DiscoveryError if a pod has crashed since it was ready.
 
     Its node was in the graph for a moment, or the pod could not be looked at.
 
@@ -119,7 +119,7 @@ def refuse_crashes(
             break
     if crashed:
         causes = [f"{name_of(p)}: {one.message}" for p in crashed for one in explain_pod(p, ())]
-        raise GraphError(
+        raise DiscoveryError(
             f"{release.name} in {release.namespace} is deployed, but {plural(len(crashed), 'pod')}"
             " crashed after being ready",
             details=causes or [name_of(pod) for pod in crashed],
@@ -140,14 +140,14 @@ def may_change(found: DiscoveryGraph, looks: int, seconds: float) -> bool:
 
 
 def report_graph(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
-    """Print a graph and its warnings; raise GraphError if it has errors."""
+    """Print a graph and its warnings; raise DiscoveryError if it has errors."""
     report.progress("graph", summary(found), done=True)
     for problem in found.problems:
         if not problem.is_error:
             report.warn(problem.text)
     if found.errors:
         count = len(found.errors)
-        raise GraphError(
+        raise DiscoveryError(
             f"{release.name} in {release.namespace} is deployed, but its nodes do not all"
             " discover each other",
             details=[problem.text for problem in found.errors],

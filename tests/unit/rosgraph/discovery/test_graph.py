@@ -455,7 +455,7 @@ def test_check_ends_in_an_error(
     """What stays wrong is an error that says that the release is deployed anyway."""
     monkeypatch.setattr(graphs, "PATIENCE", 0.05)
     looks.append(WRONG)
-    with pytest.raises(graphs.GraphError) as caught:
+    with pytest.raises(graphs.DiscoveryError) as caught:
         run_check(Recorder())
     assert caught.value.exit_code == 1
     assert caught.value.message.startswith("app in robots is deployed, but")
@@ -470,11 +470,11 @@ def test_on_a_busy_machine_looks_count_instead_of_seconds(
     looks += [WRONG] * (graphs.LOOKS - 1) + [GOOD]
     run_check(Recorder())
     looks[:] = [WRONG] * graphs.LOOKS + [GOOD]
-    with pytest.raises(graphs.GraphError):
+    with pytest.raises(graphs.DiscoveryError):
         run_check(Recorder())
     monkeypatch.setattr(graphs, "LONGEST", 0.0)
     looks[:] = [WRONG, GOOD]
-    with pytest.raises(graphs.GraphError):
+    with pytest.raises(graphs.DiscoveryError):
         run_check(Recorder())
 
 
@@ -531,7 +531,7 @@ def test_a_node_that_crashes_after_it_was_ready_is_an_error(
     looks.append(found)
     pods = [[crashed(2)], *([[crashed(2)]] if found is UNSEEN else []), [crashed(3)]]
     monkeypatch.setattr(graphs, "list_pods", lambda *_: pods.pop(0))
-    with pytest.raises(graphs.GraphError, match="1 pod crashed after being ready") as caught:
+    with pytest.raises(graphs.DiscoveryError, match="1 pod crashed after being ready") as caught:
         run_check(Recorder())
     assert "no device" in caught.value.details[0]
     assert pods == []

@@ -71,7 +71,7 @@ EXPECTED = (
         "they are where the test must find none",
     ),
     Skip(
-        "tests/unit/cli/test_steps.py",
+        "tests/unit/lab/test_steps.py",
         "no Go toolchain that is new enough",
         "a cluster fetches one only where programs are compiled",
     ),

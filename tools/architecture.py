@@ -79,7 +79,6 @@ def package_of(module: str) -> str:
     """Return the package that a dotted module name is in, "" for one that is not drawn."""
     first, _, rest = module.partition(".")
     name = rest.split(".")[0] if first == "rigel_k8s" else first
-    name = "rigel_lab" if name == "lab" else name  # the one module that calls it
     return name if name in WORDS else ""
 
 

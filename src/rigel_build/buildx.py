@@ -150,9 +150,9 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
     if options.insecure:
         insecure.add(parse_reference(options.image).registry)
     if any(map(is_private, build.registries())):
-        from rigel_k8s import lab
+        from rigel_lab import cluster as local
 
-        insecure |= lab.cluster.registries()
+        insecure |= local.registries()
     return Session(
         directory=directory,
         environ=dict(os.environ),
@@ -178,11 +178,11 @@ def load_archive(
         UserError: the context's name is not that of a cluster on this machine.
         RigelK8sError: the program that loads is missing or failed.
     """
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
     own = context.removeprefix("rigel-")
-    if context.startswith("rigel-") and own in lab.cluster.names():
-        lab.cluster.load([str(archive)], own, report=report)
+    if context.startswith("rigel-") and own in local.names():
+        local.load([str(archive)], own, report=report)
         return
     words = _command(archive, context)
     if shutil.which(words[0]) is None:

@@ -58,8 +58,6 @@ COMMANDS = {
     "down": ("releases", "Delete a release; its volumes stay unless --volumes."),
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
-    "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
-    "image": ("images", "Images for machines that cannot pull from the internet."),
     "completion": ("completions", "Print the shell completion for bash, zsh or fish."),
     "version": ("completions", "Print the version."),
 }
@@ -72,9 +70,9 @@ def list_all_commands() -> dict[str, tuple[str, str]]:
     group: Group = "rigel_k8s.commands"
     added = {name: find(group, name) for name in sorted(list_names(group) - COMMANDS.keys())}
     rows = list(COMMANDS.items())
-    # Those that follow one of their own kind come last.
-    for name in sorted(added, key=lambda name: added[name][-1] in added):
-        module, text, *follows = added[name]
+    while added:  # one that follows another added one comes after that
+        name = next((name for name in added if added[name][-1] not in added), next(iter(added)))
+        module, text, *follows = added.pop(name)
         before = [number for number, row in enumerate(rows, 1) if row[0] in follows]
         rows.insert(before[0] if before else len(rows), (name, (module, text)))
     return dict(rows)

@@ -13,7 +13,6 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 
-from rigel_k8s import lab
 from rigel_k8s.app.generation import GENERATIONS
 from rigel_k8s.cli import tables, width
 from rigel_k8s.cli.main import cli
@@ -32,6 +31,9 @@ from rigel_k8s.release.history import Entry
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rigelfile import render_starter
 from rigel_k8s.settings import Settings
+from rigel_lab import cluster as local
+from rigel_lab.images import ros1base
+from rigel_lab.images.base import delivery
 
 GLOBAL = ["-f", "robots/Rigelfile", "--context", "lab", "--kubeconfig", "kc", "-n", "test"]
 SETTINGS = Settings(Path("robots/Rigelfile"), "lab", Path("kc"), "test")
@@ -117,8 +119,8 @@ def test_diff(record: Any, *, changes: bool, code: int) -> None:
 
 def test_a_cluster_that_is_up_has_the_current_context(record: Any) -> None:
     """Which may have been another one before."""
-    there = lab.ClusterStatus("a", "rigel-a", True, "s", "r:5000", "v1.37.2", (), "", "/logs")
-    record(lab.cluster, "up", there)
+    there = local.ClusterStatus("a", "rigel-a", True, "s", "r:5000", "v1.37.2", (), "", "/logs")
+    record(local, "up", there)
     words = "Your kubeconfig's current context is rigel-a now"
     assert words in call("cluster", "up", "--name", "a").stdout
 
@@ -418,8 +420,8 @@ def test_doctor_warns(record: Any) -> None:
 
 def test_image(record: Any) -> None:
     """The name that was pushed goes to standard output, for scripts."""
-    built = record(lab.ros1base, "build", "the archive")
-    delivered = record(lab, "deliver", "host:5000/ros:noetic")
+    built = record(ros1base, "build", "the archive")
+    delivered = record(delivery, "deliver", "host:5000/ros:noetic")
     words = ("--push", "host:5000/ros:noetic", "--variant", "devel", "--arch", "arm64")
     done = call("image", "ros1-base", *words)
     assert done.stdout == "host:5000/ros:noetic\n"

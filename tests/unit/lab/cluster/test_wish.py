@@ -5,8 +5,8 @@ from __future__ import annotations
 import click
 import pytest
 
-from rigel_k8s.cli.cluster import up
 from rigel_k8s.errors import UserError
+from rigel_lab.cli.cluster import up
 from rigel_lab.cluster.components import ON_REQUEST, Components
 from rigel_lab.cluster.extras import EXTRAS, list_offered
 from rigel_lab.cluster.lifecycle import list_builds

@@ -23,7 +23,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 from rigel_k8s.cli.reports import reporter
-from rigel_k8s.cli.steps import Steps
+from rigel_lab.cli.steps import Steps
 from rigel_lab.cluster.gobuild import GoBuild
 
 class Hello(GoBuild):

@@ -6,8 +6,8 @@ import threading
 import time
 
 from rigel_k8s.cli.reports import Rows
-from rigel_k8s.lab import cluster
 from rigel_k8s.report import Reporter
+from rigel_lab import cluster
 
 #: Seconds between two lines about one step, where no row can move.
 LINE_EVERY = 15

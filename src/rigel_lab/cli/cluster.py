@@ -14,17 +14,17 @@ from rigel_k8s.cli.words import Group, choose_reporter, json_option, print_json
 from rigel_k8s.objects.text import plural
 
 if TYPE_CHECKING:
-    from rigel_k8s.cli.steps import Steps
-    from rigel_k8s.lab import ClusterStatus
+    from rigel_lab.cli.steps import Steps
+    from rigel_lab.cluster import ClusterStatus
 
 
 def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[str]:  # pragma: no cover - called by the shell
     """Return the existing clusters."""
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
-    return [name for name in lab.cluster.names() if name.startswith(incomplete)]
+    return [name for name in local.names() if name.startswith(incomplete)]
 
 
 name_option = click.option(
@@ -78,12 +78,13 @@ def up(
     downloaded are compiled (all of them: about 15 minutes on two cores). They are kept in a cache.
     The context rigel-NAME is added to your kubeconfig and becomes the current one.
     """
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
+    from rigel_lab.images import exporter
 
     with show_steps(ctx) as steps:
         # The registry serves the exporter besides the released images; it is built here.
-        made = {lab.exporter.UPSTREAM: lambda: lab.exporter.build(steps).archive}
-        found = lab.cluster.up(
+        made = {exporter.UPSTREAM: lambda: exporter.build(steps).archive}
+        found = local.up(
             name,
             nodes,
             extras=extras,
@@ -116,10 +117,10 @@ def show(found: ClusterStatus) -> None:
 @click.pass_context
 def down(ctx: click.Context, /, name: str) -> None:
     """Stop a cluster and delete all of it, with its volumes and images."""
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
     with show_steps(ctx) as steps:
-        there_was = lab.cluster.down(name, report=steps.line)
+        there_was = local.down(name, report=steps.line)
     click.echo(f"Cluster {name} is deleted" if there_was else f"Cluster {name} does not exist")
 
 
@@ -128,9 +129,9 @@ def down(ctx: click.Context, /, name: str) -> None:
 @json_option
 def status(name: str, output: str) -> int:
     """Show a cluster: nodes, context, registry. Exit code 1 if it does not run."""
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
-    found = lab.cluster.status(name)
+    found = local.status(name)
     if output == "json":
         print_json(attrs.asdict(found))
         return 0 if found.running else 1
@@ -150,25 +151,25 @@ def status(name: str, output: str) -> int:
 @click.pass_context
 def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
     with show_steps(ctx) as steps:
-        lab.cluster.load(images, name, report=steps.line)
+        local.load(images, name, report=steps.line)
 
 
 @cluster.command()
 @name_option
 def kubeconfig(name: str) -> None:
     """Print a kubeconfig with only this cluster."""
-    from rigel_k8s import lab
+    from rigel_lab import cluster as local
 
-    click.echo(lab.cluster.kubeconfig_text(name), nl=False)
+    click.echo(local.kubeconfig_text(name), nl=False)
 
 
 @contextmanager
 def show_steps(ctx: click.Context) -> Iterator[Steps]:
     """Yield what shows each step, and how far it is."""
-    from rigel_k8s.cli.steps import Steps
+    from rigel_lab.cli.steps import Steps
 
     with choose_reporter(ctx) as reporter, closing(Steps(reporter)) as steps:
         yield steps

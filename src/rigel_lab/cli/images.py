@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import click
 
 from rigel_k8s.cli.words import Group, choose_reporter
@@ -16,18 +18,18 @@ def add_command(name: str, module: str, example: str, text: str, *more: click.Pa
     """Add the command that builds an image, unless it exists, and delivers it.
 
     Args:
-        module: of lab.py, with a function `build`.
+        module: of rigel_lab.images, with a function `build`.
         example: the image's name after a registry.
         more: options of this image's own.
     """
 
     @click.pass_context
     def build(ctx: click.Context, /, push: str | None, **options: str | bool | None) -> None:
-        from rigel_k8s import lab
+        from rigel_lab.images.base.delivery import deliver
 
+        recipe = import_module(f"rigel_lab.images.{module}")
         with choose_reporter(ctx) as report:
-            made = getattr(lab, module).build(report, **options)
-            delivered = lab.deliver(made, push, report)
+            delivered = deliver(recipe.build(report, **options), push, report)
         click.echo(delivered)
 
     options = [

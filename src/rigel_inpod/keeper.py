@@ -115,7 +115,8 @@ class Names(threading.Thread):
 
     def __init__(self, name):
         threading.Thread.__init__(self, daemon=True)
-        self.name_to_find, self.pause, self.addresses, self.error = name, 0.2, None, "no answer"
+        self.pause, self.addresses, self.error = 0.2, None, "no answer"
+        self.name_to_find = name.encode()  # Python loads tables of Unicode to resolve a str
         self.news, self._wake = os.pipe()
 
     def run(self):

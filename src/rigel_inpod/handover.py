@@ -23,6 +23,10 @@ so no two clocks are compared. A younger pod takes over from an older one as soo
 The goals' part is left out where there are no actions. Until `stopped` the old one works; it works
 again if the new one ends, falls silent or gives up. Once the new one holds, it works as well if
 the old one ends or falls silent.
+
+Versions: an update may bring another one. Keys that one of them does not have are left out, or not
+read. A message that cannot be read, or is not answered three times, makes the other one *strange*:
+the new one then works without the exchange, and the old one stops as soon as it hears that.
 """
 
 LOOKS, WAITS, WORKS, LEFT = "looks", "waits", "works", "left"
@@ -47,6 +51,8 @@ RECENT = 2.0  # seconds since a message of one that this pod hears, and that the
 CATCH_UP, STANDS = 60.0, 5.0
 STEP = 1.0  # seconds for a step of the old node in which it does not work: to finish
 ANSWER = 10.0  # seconds until an answer that takes the other side such steps
+UNANSWERED = 3  # times that a keeper does not answer, after which it is of another version
+UNREADABLE = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 REST = 10.0  # seconds after a switch in which responses may still be on their way
 GLANCE = 0.05  # seconds between looks at open goals
 FAST = 0.001  # seconds between looks during a step
@@ -66,9 +72,15 @@ class Identity(object):
 
 
 class Peer(object):
-    """Another keeper, as it has last described itself."""
+    """Another keeper, as it has last described itself.
+
+    Attributes:
+        strange: its version is another one, with which nothing can be arranged.
+        unanswered: how often in a row it has not answered.
+    """
 
     def __init__(self, pod, run):
+        self.strange, self.unanswered = False, 0
         self.pod, self.run, self.links, self.heard = pod, run, [], 0.0
         self.role, self.term, self.born = LOOKS, 0, 0.0
         self.alive = self.fit = self.leaving = False
@@ -76,8 +88,15 @@ class Peer(object):
         self.friends, self.others, self.nodes, self.doubled = [], [], [], 0
 
     def update(self, now, state):
-        """Take what it says of itself."""
-        self.heard, self.born = now, now - float(state["age"])
+        """Take what it says of itself, as far as it can be read."""
+        self.heard = now
+        try:
+            self._read(now, state)
+        except UNREADABLE:
+            self.strange = True
+
+    def _read(self, now, state):
+        self.born = now - float(state["age"])
         self.role, self.term = str(state["role"]), int(state["term"])
         self.goals = int(state["goals"])
         self.alive, self.fit, self.leaving = (bool(state[k]) for k in ("alive", "fit", "leaving"))
@@ -162,7 +181,7 @@ class Handover(object):
                 self._hear(self._links[link], message)
             elif not self._greet(link, message):
                 self.outbox.append((link, None))
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        except UNREADABLE:
             self.outbox.append((link, None))
             self.closed(now, link)
 
@@ -227,6 +246,8 @@ class Handover(object):
             peer.update(self._now, message)
             self._highest = max(self._highest, peer.term)
             return
+        if "number" not in message:
+            return  # of another version
         number = int(message["number"])
         mine = switch is not None and switch.peer is peer
         if kind == "take":
@@ -311,8 +332,8 @@ class Handover(object):
                 self._fit_since = self._now
             worker = self._find_worker()
             # Between two workers no one says who its partners are; nor does a greeting.
-            known = worker is not None and worker.matched is not None
-            matched = known and self._is_matched(worker)
+            known = worker is not None and (worker.matched is not None or worker.strange)
+            matched = known and (worker.matched is None or self._is_matched(worker))
             self.fit = self.side.agree(matched) or (known and worker.leaving)
         if self._rest is not None and self._now >= self._rest and not self._count_goals():
             self._rest = None
@@ -328,7 +349,8 @@ class Handover(object):
         if self._now >= self._next_seek:
             self._next_seek = self._now + (self._choose(LOOK) if self.role == WORKS else SEEK)
             self._friends = self.side.friends()
-        known = [f for f in self._friends if all(f in peer.others for peer in self.peers.values())]
+        listed = [peer.others for peer in self.peers.values() if not peer.strange]
+        known = [f for f in self._friends if all(f in others for others in listed)]
         if known != self._known:
             self._known = known
             self.side.set_known(known)
@@ -434,6 +456,11 @@ class Handover(object):
         rivals = (p for p in self.peers.values() if p.role == WAITS and p.fit)
         best = all((p.born, p.pod) < (self.me.born, self.me.pod) for p in rivals)
         if wants and self.fit and best and self._now >= self._again:
+            if worker.strange:
+                line = "works, in place of %s, whose keeper is of another version of rigel: "
+                line += "messages may be lost, or handled twice"
+                self._work(line % worker.pod, {}, [])
+                return
             self._number += 1
             self._begin(worker, self._number, self._take)
 
@@ -493,7 +520,9 @@ class Handover(object):
             if self.role == WORKS and not self._is_back_soon(switch):
                 self._give_up()
             return
-        if any(message["type"] in ("no", "abort") for message in switch.inbox):
+        ends = [one for one in switch.inbox if one["type"] in ("no", "abort")]
+        if ends:
+            switch.peer.strange |= any("unread" in one for one in ends)
             self._give_up()
             return
         try:
@@ -501,8 +530,11 @@ class Handover(object):
             self._wake = min(self._wake, switch.wake)
         except StopIteration:
             pass
-        except (_GivesUp, KeyError, TypeError, ValueError, AttributeError):
+        except _GivesUp:
             self._give_up()
+        except UNREADABLE:
+            switch.peer.strange = True
+            self._give_up(unread=True)
 
     def _is_back_soon(self, switch):
         """Whether the new one, which may work already, is given time to come back."""
@@ -510,13 +542,13 @@ class Handover(object):
         self._wake = min(self._wake, due)
         return switch.stopped is not None and self._now < due
 
-    def _give_up(self):
+    def _give_up(self, **why):
         """All is as before the switch; the old one works."""
         switch, self._switch, self._again = self._switch, None, self._now + 1.0
         self.side.set_hold_goals(False)
         self.side.set_mode(WORK if self.role == WORKS else WAIT)
         if switch.peer.links:
-            self._tell(switch, "abort")
+            self._tell(switch, "abort", **why)
 
     def _tell(self, switch, kind, **more):
         message = dict(more, type=kind, number=switch.number)
@@ -529,8 +561,11 @@ class Handover(object):
             while switch.inbox:
                 message = switch.inbox.pop(0)
                 if message["type"] in kinds:
+                    switch.peer.unanswered = 0
                     return message
             if self._now >= end:
+                switch.peer.unanswered += 1
+                switch.peer.strange |= switch.peer.unanswered >= UNANSWERED
                 raise _GivesUp()
             yield end - self._now
 

@@ -55,6 +55,9 @@ SUCCEED = 2.0  # seconds in which another keeper begins to work after this one's
 #: Files beside the notes: what outlasts a run; that the pod ends; whether another one works then;
 #: what has been reached.
 KEPT, LEAVES, LEFT, PROGRESS = "keeper.json", "leave.json", "left.json", "progress"
+#: Why its processes cannot be handed over.
+LEFT_OUT = "left-out"
+OTHER = "its keeper ended, and the scripts are now of another version of rigel: restart the node"
 #: When this container was last fit to take over, and for how many seconds that counts.
 FIT, FRESH = "fit.json", 5.0
 
@@ -115,7 +118,8 @@ class Names(threading.Thread):
 
     def __init__(self, name):
         threading.Thread.__init__(self, daemon=True)
-        self.name_to_find, self.pause, self.addresses, self.error = name, 0.2, None, "no answer"
+        self.pause, self.addresses, self.error = 0.2, None, "no answer"
+        self.name_to_find = name.encode()  # Python loads tables of Unicode to resolve a str
         self.news, self._wake = os.pipe()
 
     def run(self):
@@ -497,7 +501,14 @@ def main(arguments, environ):
     """Run a command; return the exit code."""
     directory = environ["RIGEL_RMW"]
     if arguments == ["run"]:
-        Keeper(environ).run()
+        try:
+            keeper = Keeper(environ)
+        except rmw_notes.OtherVersion:  # to start again would not help
+            with open(os.path.join(directory, LEFT_OUT), "w") as opened:
+                opened.write(OTHER + "\n")
+            sys.stdout.write("[rigel-k8s] it cannot be handed over: %s\n" % OTHER)
+            return 0
+        keeper.run()
         return 0
     if arguments[:2] == ["leave", "--wait"] and len(arguments) == 3:
         return 0 if leave(directory, float(arguments[2])) else 1

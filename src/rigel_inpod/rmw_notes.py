@@ -90,6 +90,26 @@ def read_all(directory):
             yield _process(text, mode)
 
 
+def find_other_versions(directory):
+    """Return the versions of a container's notes that this reader cannot read.
+
+    The scripts of a pod are replaced when another version of rigel deploys; its processes are not.
+
+    Raises:
+        OSError: the directory cannot be read.
+    """
+    found = set()
+    for name in filter(str.isdigit, os.listdir(directory)):
+        try:
+            with open(os.path.join(directory, name), "rb", 0) as opened:
+                head = opened.read(12)
+        except FileNotFoundError:
+            continue  # ended meanwhile
+        if len(head) == 12 and head[:8] == b"rigelrmw":
+            found.update(struct.unpack("=I", head[8:]))
+    return found - {VERSION}
+
+
 def describe(directory):
     """Return what running processes say, as JSON has it: with `now`, ns of their clock."""
     processes = []
@@ -99,6 +119,10 @@ def describe(directory):
         entities = [entity._asdict() for entity in process.entities]
         processes.append(dict(process._asdict(), entities=entities))
     return {"now": now(), "processes": processes}
+
+
+class OtherVersion(OSError):
+    """A container's processes have a layer of another version than the program that reads them."""
 
 
 class Notes:
@@ -111,7 +135,7 @@ class Notes:
         mode: what its processes may do if none of them has started yet.
 
     Raises:
-        OSError: the directory cannot be written, or belongs to a layer of another version.
+        OSError: the directory cannot be written; OtherVersion: it is that of another layer.
     """
 
     def __init__(self, directory, mode=WORK):
@@ -122,7 +146,8 @@ class Notes:
         self._control = os.open(path, os.O_RDWR)
         head = os.pread(self._control, CONTROL.size, 0)
         if len(head) < CONTROL.size or CONTROL.unpack(head)[:2] != (b"rigelctl", VERSION):
-            raise OSError("%s is not of this version of the layer" % path)
+            os.close(self._control)
+            raise OtherVersion("%s is not of this version of the layer" % path)
 
     @property
     def mode(self):

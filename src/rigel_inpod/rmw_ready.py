@@ -45,6 +45,10 @@ def look(directory, node, hands_over):
             raise NotReady("it cannot be handed over: %s" % left_out)
         return []
     own = [p for p in rmw_notes.read_all(directory) if not (p.ended or p.helper)]
+    if not own and rmw_notes.find_other_versions(directory):  # these scripts came after the pod
+        if hands_over:
+            check_turn(directory)
+        return []
     if not own and not hands_over:
         return []  # a program without ROS 2's middleware: it is probed as before
     names = [e.name for process in own for e in process.entities if e.kind == "node"]

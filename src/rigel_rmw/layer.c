@@ -326,7 +326,7 @@ static void begin(void) {
   }
   if (!new || rename(made, path)) {
     fprintf(stderr, "rigel-k8s: cannot keep notes in %s: %s; this process cannot be handed over\n",
-            directory, strerror(errno));
+            directory, errno == EPROTO ? "another version of rigel began them" : strerror(errno));
     return; /* what was mapped stays so: this happens once */
   }
   slots_ready = 0;

@@ -179,6 +179,8 @@ class Link:
         if message is None:
             self.open[side] = False
             sender.links.pop(self, None)
+        elif (message := sender.version(message)) is None:
+            return
         arrives = max(self.due[1 - side], self.world.now + self.world.delay())
         self.due[1 - side] = arrives
         self.world.at(arrives, lambda: self._arrive(1 - side, message))
@@ -239,6 +241,8 @@ class Pod:
         self.waits_for_tick = 0.0
         self.events: list[Callable[[Any], object]] = []
         self.lines: list[str] = []
+        #: What its keeper says, as another version would say it; None for what that does not say.
+        self.version: Callable[[dict[str, Any]], dict[str, Any] | None] = lambda message: message
         self.node = Node(world, self)
         self.run()
 

@@ -4,7 +4,8 @@
 
 Why: the counts of two moments are the present rates. Contract: `first` and `second`, SPAN seconds
 apart, as rmw_notes.describe returns them; "error" is the reason why there are none. The pod's own
-rmw_notes.py reads them, since another version's layer may write them in another layout.
+rmw_notes.py reads them, since another version's layer may write them in another layout. A deploy by
+such a version replaces that reader, too: then neither may read them.
 """
 
 import importlib.util
@@ -33,6 +34,9 @@ def main(span):
     try:
         directory, reader = os.environ["RIGEL_RMW"], choose_reader()
         first = reader.describe(directory)
+        others = set() if first["processes"] else rmw_notes.find_other_versions(directory)
+        if others and reader.VERSION not in others:
+            raise OSError("another version of rigel started this pod: restart the node")
         time.sleep(float(span))
         found = {"first": first, "second": reader.describe(directory)}
     except (KeyError, OSError) as error:

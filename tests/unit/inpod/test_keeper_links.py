@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,12 +14,30 @@ from typing import Any
 
 import pytest
 
+import rigel_inpod
+
+ROOM = Path(rigel_inpod.__file__).parent
+
 
 def test_short_messages_are_sent_at_once(script: Callable[[str], ModuleType]) -> None:
     """Else each waits for the acknowledgement of the one before: 40 ms of a switch."""
     with socket.socket() as sock:
         script("keeper").Link(sock, 0.0)
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+@pytest.mark.programs
+def test_the_name_service_is_asked_without_tables_of_unicode() -> None:
+    """Each pod has a keeper, and they are 0.3 MB of it that nothing else needs."""
+    program = """import keeper, os, sys
+names = keeper.Names("localhost")
+names.start()
+os.read(names.news, 1)
+print(bool(names.addresses), {"stringprep", "unicodedata"} & set(sys.modules))
+"""
+    line = [sys.executable, "-S", "-E", "-B", "-c", program]
+    done = subprocess.run(line, cwd=ROOM, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("True set()\n", "")
 
 
 @pytest.fixture

@@ -10,7 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from rigel_inpod.rmw_notes import SLOT, SLOTS_AT, STOP, WORK, Notes, describe, read_all
+from rigel_inpod.rmw_notes import (
+    CONTROL,
+    CONTROL_SIZE,
+    SLOT,
+    SLOTS_AT,
+    STOP,
+    VERSION,
+    WAIT,
+    WORK,
+    Notes,
+    describe,
+    read_all,
+)
 from tests.support.layer import LAYER, PROGRAMS, Built, Node, build, compile_c, name
 from tests.support.until import until
 from tests.unit.rmw.conftest import Start
@@ -114,11 +126,21 @@ def test_notes_are_written_by_their_process_alone(node: Node) -> None:
     assert (node.directory / node.do("pid")).stat().st_mode & 0o777 == 0o444
 
 
-@pytest.mark.parametrize("content", [b"", b"x" * 100_000])
+def control_of(version: int) -> bytes:
+    """Return a file `control` whose processes wait, as a layer of a version has made it."""
+    return CONTROL.pack(b"rigelctl", version, WAIT, 0, 0).ljust(CONTROL_SIZE, b"\0")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"x" * 100_000, control_of(VERSION - 1), control_of(VERSION + 1)]
+)
 def test_a_control_file_of_another_kind_is_left_alone(
     start: Start, tmp_path: Path, content: bytes
 ) -> None:
-    """The node works, and its keeper is told."""
+    """The node works; it says why, and so does its keeper.
+
+    A process may start when the library has been replaced by that of another version of rigel.
+    """
     (tmp_path / "notes").mkdir()
     control = tmp_path / "notes/control"
     control.write_bytes(content)
@@ -129,6 +151,9 @@ def test_a_control_file_of_another_kind_is_left_alone(
     assert control.read_bytes() == content
     with pytest.raises(OSError, match="is not of this version of the layer"):
         Notes(str(tmp_path / "notes"))
+    _, errors = node.process.communicate()
+    line = "another version of rigel began them; this process cannot be handed over\n"
+    assert errors == f"rigel-k8s: cannot keep notes in {tmp_path}/notes: {line}"
 
 
 def test_more_entities_than_there_are_slots(start: Start) -> None:

@@ -1,7 +1,6 @@
 """What joins the deploy of an application without being known here.
 
-A guest is found by an entry point of the group `rigel_k8s.parts` (docs/plugins.md); this package
-imports none.
+A guest is found by an entry point of the group `rigel_k8s.parts` (docs/plugins.md).
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.installed import find, list_names
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.release.part import Inspection, Part
@@ -62,5 +62,16 @@ class Guest:
 
 
 def load_guests() -> list[Guest]:
-    """Return all, in the order of their names. Raises UserError: one cannot be imported."""
-    return [find("rigel_k8s.parts", name) for name in sorted(list_names("rigel_k8s.parts"))]
+    """Return all, in the order of their names.
+
+    Raises:
+        UserError: one cannot be imported.
+        RigelK8sError: there is none, and a deploy would leave out what the Rigelfile requests.
+    """
+    names = sorted(list_names("rigel_k8s.parts"))
+    if not names:
+        raise RigelK8sError(
+            "this installation of rigel-k8s has no entry points",
+            hint="install it again; a checkout with `pip install -e .`",
+        )
+    return [find("rigel_k8s.parts", name) for name in names]

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from tools.architecture import PICTURE, WORDS, layers, picture
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # a dependency of pytest
+    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
@@ -35,6 +41,17 @@ def test_each_package_is_in_the_picture_and_on_the_page() -> None:
     there = {name for name in there if not name.startswith("_")} - {"rigel_k8s"}
     assert there == set(WORDS) == {name for row in layers() for name in row}
     assert there <= set(re.findall(r"`(\w+)/?`", PAGE))
+
+
+def test_each_house_is_checked_by_lint() -> None:
+    """By mypy and import-linter, with a limit of lines; and it is in the wheel."""
+    houses = {path.name for path in (ROOT / "src").iterdir() if path.is_dir()}
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]
+    assert houses == set(tool["mypy"]["packages"])
+    assert houses == set(tool["importlinter"]["root_packages"])
+    assert houses <= set(tool["rigel"]["budget"])
+    wheel = tool["hatch"]["build"]["targets"]["wheel"]["packages"]
+    assert {f"src/{house}" for house in houses} == set(wheel)
 
 
 @pytest.mark.parametrize("path", sorted(set(re.findall(r"`([a-z_0-9]+/[a-z_/0-9.]*)`", PAGE))))

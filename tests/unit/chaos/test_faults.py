@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bench.chaos.calling import HUNG
+from bench.chaos.calling import HUNG, SCALE, WARM
 from bench.chaos.faults import AFTER, BEFORE, GARBAGE, ODD_EVENTS, STREAMS, Weather, draw_weather
 from bench.chaos.stories import RELEASE, Content, Story, is_complete
 from rigel_k8s.objects.marks import RELEASE_LABEL
@@ -130,3 +131,11 @@ def test_a_wrong_success_is_seen(tmp_path: Path) -> None:
     assert "cannot be" in asked.find_difference(Content(3, ("talker",), "reg.invalid/bad"))
     assert story(tmp_path, NAMESPACE, ready, record("good")).find_difference(CONTENT) == ""
     assert story(tmp_path, NAMESPACE).find_difference(None) == ""
+
+
+def test_the_waits_that_the_campaigns_shorten_are_there() -> None:
+    """A module that was renamed would fail each story, and no other test."""
+    for name in WARM:
+        import_module(f"rigel_k8s.{name}")
+    for module, name, seconds in SCALE:
+        assert getattr(import_module(f"rigel_k8s.{module}"), name) > seconds

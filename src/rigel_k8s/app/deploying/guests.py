@@ -66,7 +66,7 @@ def load_guests() -> list[Guest]:
 
     Raises:
         UserError: one cannot be imported.
-        RigelK8sError: there is none, and a deploy would leave out what the Rigelfile requests.
+        RigelK8sError: without any, a deploy would leave out what the Rigelfile requests.
     """
     names = sorted(list_names("rigel_k8s.parts"))
     if not names:

@@ -54,12 +54,19 @@ def test_the_package_in_the_image_runs(tmp_path: Path) -> None:
     environ = {**os.environ, "PYTHONPATH": str(tmp_path / PREFIX)}
     code = (
         "import rigel_k8s.jobs.types.orchestration, rigel_muto.cli, rigel_k8s;"
+        "import rigel_k8s.app.deploying.prepare, rigel_multus.install, rigel_stack.install;"
         "from rigel_k8s.app.deploying.guests import load_guests; assert load_guests();"
         "from rigel_k8s.cli.main import list_all_commands; list_all_commands();"
+        "import sys; ours = [m for n, m in sys.modules.items() if n.startswith('rigel_')];"
+        "assert all(m.__file__.startswith(sys.argv[1]) for m in ours), ours;"
         "print(rigel_k8s.__version__, rigel_k8s.__file__)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environ, cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-c", code, str(tmp_path)],
+        env=environ,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert done.stdout.split() == [__version__, str(tmp_path / PREFIX / "rigel_k8s/__init__.py")]
     assert not any("__pycache__" in entry.path for entry in entries)

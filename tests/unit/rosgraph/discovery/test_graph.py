@@ -128,6 +128,24 @@ def test_every_node_of_a_pod_counts():
     )
 
 
+@pytest.mark.parametrize("mode", ["none", "peers"])
+def test_nodes_of_one_name_are_told_apart_by_their_topics(mode: str):
+    """As two `ros2 topic`, each process 1 of its pod; a network is trusted to connect them."""
+    pods = [layered("a", "node1", mode=mode), layered("b", "node2", mode=mode)]
+
+    def look(partners: int) -> dict[str, Observation]:
+        both = (("a", True), ("b", False))
+        return {
+            name: noted("same", flows=(flow("/chatter", partners, sent=sent),))
+            for name, sent in both
+        }
+
+    assert graph(pods, look(0)).deaf == ((("node1", "node2"),) if mode == "none" else ())
+    found = graph(pods, look(1))
+    assert found.deaf == ()
+    assert [pod.discovered_by for pod in found.pods] == [("b",), ("a",)]
+
+
 def flow(topic: str, partners: int, *, sent: bool) -> Flow:
     """What one end of a topic shows."""
     return Flow("/n", topic, "std_msgs/msg/String", sent, 10, 1.0, partners, steady=True, idle=True)

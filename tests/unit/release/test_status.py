@@ -144,7 +144,8 @@ def test_a_failed_update_of_one_node_names_those_that_are_new(
     fake.store.controllers = Controllers(crash_driver)
     names = ("driver", "filtered")
     deploy(desired(*(rolling(name, "app:1") for name in names)), fake, report=report)
-    leap_when_shown(monkeypatch, report, Patience().crash, ("driver", "exited with code 1"))
+    shown = (("driver", "exited with code 1"), ("filtered", "1 of 1 ready"))
+    leap_when_shown(monkeypatch, report, Patience().crash, *shown)
     with pytest.raises(RolloutFailed) as caught:
         deploy(desired(*(rolling(name, "app:2") for name in names)), fake, report=report)
     assert caught.value.message.startswith(

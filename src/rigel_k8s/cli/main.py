@@ -78,6 +78,16 @@ def list_all_commands() -> dict[str, tuple[str, str]]:
     return dict(rows)
 
 
+def find_row(name: str) -> Sequence[str] | None:
+    """Return a command's row, None if no package adds it; the others' rows are not loaded."""
+    if name in COMMANDS:
+        return COMMANDS[name]
+    from rigel_k8s.installed import find
+
+    row: Sequence[str] | None = find("rigel_k8s.commands", name)
+    return row
+
+
 #: What other tools call a command.
 OTHER_WORDS = {
     **dict.fromkeys(("apply", "deploy", "install", "start", "up", "upgrade"), "run"),
@@ -101,7 +111,7 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command, None if the name is unknown."""
-        row = COMMANDS.get(cmd_name) or list_all_commands().get(cmd_name)
+        row = find_row(cmd_name)
         if row is None:
             return None
         name = row[0]
@@ -114,15 +124,13 @@ class Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or suggest a similar one."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+        if args and not args[0].startswith("-") and find_row(args[0]) is None:
             from difflib import get_close_matches
 
-            known = self.list_commands(ctx)
-            if args[0] not in known:
-                other = OTHER_WORDS.get(args[0])
-                close = [other] if other else get_close_matches(args[0], known, n=1)
-                meant = f', did you mean "{close[0]}"?' if close else ""
-                raise click.UsageError(f'unknown command "{args[0]}"{meant}', ctx)
+            other = OTHER_WORDS.get(args[0])
+            close = [other] if other else get_close_matches(args[0], self.list_commands(ctx), n=1)
+            meant = f', did you mean "{close[0]}"?' if close else ""
+            raise click.UsageError(f'unknown command "{args[0]}"{meant}', ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

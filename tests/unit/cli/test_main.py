@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import click
 import pytest
 
+from rigel_k8s import installed
 from rigel_k8s.cli import main
 from rigel_k8s.commands import run as runs
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
@@ -53,6 +55,18 @@ def test_what_a_package_adds_is_where_it_says() -> None:
     names = list(main.list_all_commands())
     assert names[names.index("logs") + 1] == "ui"
     assert names[-2:] == ["import", "muto"]
+
+
+def test_a_command_does_not_need_those_of_other_packages(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that cannot be imported is named where it is called, and in the list of all."""
+    broken = EntryPoint("greet", "no_such_package:COMMAND", "rigel_k8s.commands")
+    entries = (*installed.list_entries("rigel_k8s.commands"), broken)
+    monkeypatch.setattr(installed, "list_entries", lambda group: entries)
+    assert main.run(["ui", "--help"], "rigel") == 0
+    assert main.run(["greet"], "rigel") == 2
+    assert "cannot import command greet" in capsys.readouterr().err
 
 
 def test_an_unknown_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

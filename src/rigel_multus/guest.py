@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.app.deploying.guests import Deployment, Guest
+from rigel_k8s.app.deploying.guests import DeployRequest, Guest
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.release.part import Inspection, Part
@@ -14,14 +14,14 @@ from rigel_k8s.release.part import Inspection, Part
 class MultusGuest(Guest):
     """The preflight, and an installation where `network` requests it."""
 
-    def parts(self, deployment: Deployment) -> Sequence[Part]:
+    def parts(self, request: DeployRequest) -> Sequence[Part]:
         """Return the installation that `network` requests; only modes with Multus can."""
-        network = deployment.options.network
+        network = request.options.network
         if network is None or network.install is None:
             return ()
         from rigel_multus.install import requested_multus
 
-        return requested_multus(network, deployment.cluster, deployment.report)
+        return requested_multus(network, request.cluster, request.report)
 
     def inspect(
         self,

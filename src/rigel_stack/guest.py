@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigel_k8s.app.deploying.guests import Deployment, Guest
+from rigel_k8s.app.deploying.guests import DeployRequest, Guest
 from rigel_k8s.observability.options import request_of
 from rigel_k8s.release.part import Part
 
@@ -12,17 +12,17 @@ from rigel_k8s.release.part import Part
 class StackGuest(Guest):
     """An application works without the stack, so nothing is inspected."""
 
-    def parts(self, deployment: Deployment) -> Sequence[Part]:
+    def parts(self, request: DeployRequest) -> Sequence[Part]:
         """Return the stack that `observability` requests."""
-        options, cluster = deployment.options, deployment.cluster
+        options, cluster = request.options, request.cluster
         if not options.observability.enabled:
             return ()
         from rigel_stack.install import requested_stack, stack_part
 
-        request = request_of(deployment.raw.get("observability") or {})
+        stack = request_of(request.raw.get("observability") or {})
         if options.observability_only:
-            return [stack_part(request, cluster)]
-        return requested_stack(request, cluster, deployment.report)
+            return [stack_part(stack, cluster)]
+        return requested_stack(stack, cluster, request.report)
 
 
 GUEST = StackGuest()

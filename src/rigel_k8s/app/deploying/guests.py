@@ -19,7 +19,7 @@ from rigel_k8s.report import Reporter
 
 
 @attrs.frozen
-class Deployment:
+class DeployRequest:
     """The deploy of an application, as its job requests it.
 
     Attributes:
@@ -36,7 +36,7 @@ class Deployment:
 class Guest:
     """What a package adds to each deploy of an application; this one adds nothing."""
 
-    def parts(self, deployment: Deployment) -> Sequence[Part]:
+    def parts(self, request: DeployRequest) -> Sequence[Part]:
         """Return what the options request beside the application; nothing is written."""
         return ()
 

@@ -82,7 +82,7 @@ class OrchestrationJob:
         A partial job is laid over the release's last revision, so the cluster is asked for that
         even without one.
         """
-        from rigel_k8s.app.deploying.guests import Deployment, load_guests
+        from rigel_k8s.app.deploying.guests import DeployRequest, load_guests
         from rigel_k8s.app.deploying.part import ApplicationHooks
         from rigel_k8s.app.deploying.prepare import Request, prepare, timeout_of
         from rigel_k8s.app.desired import point_out
@@ -91,7 +91,7 @@ class OrchestrationJob:
 
         guests = load_guests()
         if options.observability_only:
-            alone = Deployment(options, flat(job.raw), cluster, job.report)
+            alone = DeployRequest(options, flat(job.raw), cluster, job.report)
             return [part for guest in guests for part in guest.parts(alone)]
         request = Request(
             options=options,
@@ -119,8 +119,8 @@ class OrchestrationJob:
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
-        deployment = Deployment(prepared.options, prepared.raw, cluster, job.report)
-        return [application, *(part for guest in guests for part in guest.parts(deployment))]
+        beside = DeployRequest(prepared.options, prepared.raw, cluster, job.report)
+        return [application, *(part for guest in guests for part in guest.parts(beside))]
 
     def run(self, options: OrchestrationOptions, job: JobContext) -> None:
         """Deploy, and copy the results.

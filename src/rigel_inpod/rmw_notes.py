@@ -68,7 +68,8 @@ Entity = namedtuple(
 
 #: A process with the layer. pid: in the namespace of its container. full: entities for which its
 #: file had no place. ended: it has ended, or runs another program. mode: what it may do. seen: the
-#: nodes that it has discovered, its own among them. helper: a program of ours beside the node.
+#: nodes that it has discovered, its own among them; those of one name one by one. helper: a program
+#: of ours beside the node.
 #: stands: ns for which one of its executors has not looked for work, 0 while all wait for some.
 #: goals: the actions that it serves and that have a goal which is not finished.
 Process = namedtuple("Process", "pid full ended mode seen entities helper stands goals")
@@ -411,7 +412,7 @@ def _process(text, mode):
         head.full,
         _has_ended(head),
         WORK if head.helper else mode,
-        tuple(sorted(set(_seen(text)))),
+        tuple(sorted(_seen(text))),
         tuple(_entity(slot, slots) for slot in slots if 0 < slot[0] < len(KINDS)),
         bool(head.helper),
         _measure_stand(slots),

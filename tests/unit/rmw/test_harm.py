@@ -187,6 +187,13 @@ def test_a_graph_of_more_than_256_nodes(node: Node) -> None:
     assert names < find_seen() < {f"/robot/node_{number}" for number in range(9000)}
 
 
+def test_nodes_of_one_name_are_noted_one_by_one(node: Node) -> None:
+    """A node that has the name of the process's own is another one all the same."""
+    node.do("nodes 3 2")
+    wanted = ("/robot/node_0", "/robot/node_0", "/robot/node_1")
+    until(lambda: [one.seen for one in node.notes.processes()] == [wanted], "they are noted")
+
+
 def test_entities_that_come_and_go_leave_nothing(node: Node) -> None:
     """Slots are used again."""
     for number in range(600):

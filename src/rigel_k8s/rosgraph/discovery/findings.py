@@ -160,23 +160,13 @@ def discovers(member: Member, other: Member, seen: Mapping[str, Observation]) ->
     own, its = seen[member.pod], seen[other.pod]
     if own.discovered is None:
         return address_of(other) in (own.heard or ())
-    if set(its.nodes) <= set(own.nodes):
-        # Names that are its own say nothing, such as those of two `ros2 topic`. That they share a
-        # topic and are no partners there does, where nothing connects machines.
-        unmatched = shares_topic(own, its) and not mode_named(member.mode).connects
-        return False if unmatched and member.machine != other.machine else None
-    return knows_names(own, its)
-
-
-def shares_topic(own: Observation, its: Observation) -> bool:
-    """Whether one pod sends what the other one takes."""
-    ends = {(flow.topic, flow.sent) for flow in own.flows}
-    return any((flow.topic, not flow.sent) in ends for flow in its.flows)
+    return knows_names(own, its) if its.nodes else None
 
 
 def knows_names(own: Observation, its: Observation) -> bool:
-    """Whether a pod knows the names of another one's nodes."""
-    return (own.discovered or frozenset()) >= set(its.nodes)
+    """Whether a pod knows the names of another one's nodes; its own ones, as another node's."""
+    names = frozenset(its.nodes)
+    return names <= (own.discovered or frozenset()) and names & set(own.nodes) <= own.twice
 
 
 def find_matched(

@@ -7,8 +7,10 @@ addresses, which differ by pod.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from functools import partial, reduce
+from operator import and_
 from typing import Any
 
 import attrs
@@ -32,6 +34,7 @@ class Observation:
         problem: why the pod could not be examined, "" if it could.
         nodes: its ROS 2 nodes, and for how many seconds each has not looked for work.
         discovered: the nodes that each of its processes has discovered; None without notes.
+        twice: those of them that it has discovered several of, by one name.
         heard: the addresses from which participants were heard; None with notes.
         flows: what its nodes have sent and taken during the look.
         notes: what its processes noted, `first` and `second`; None without a node that did.
@@ -40,6 +43,7 @@ class Observation:
     problem: str = ""
     nodes: Mapping[str, float] = attrs.field(factory=dict)
     discovered: frozenset[str] | None = None
+    twice: frozenset[str] = frozenset()
     heard: frozenset[str] | None = None
     flows: tuple[Flow, ...] = ()
     notes: Mapping[str, Mapping[str, Any]] | None = attrs.field(default=None, eq=False)
@@ -108,10 +112,12 @@ def of_notes(answer: Mapping[str, Any]) -> Observation:
         if entity["kind"] == "node"
     }
     stands = list_nodes({"": answer})
-    discovered = [frozenset(one["seen"]) for one in with_nodes]
+    counts = [Counter(one["seen"]) for one in with_nodes]
+    discovered = reduce(and_, counts) if counts else Counter[str]()
     return Observation(
         nodes={name: stands.get(name, 0.0) for name in sorted(names)},
-        discovered=frozenset.intersection(*discovered) if discovered else frozenset(),
+        discovered=frozenset(discovered),
+        twice=frozenset(name for name, count in discovered.items() if count > 1),
     )
 
 

@@ -312,7 +312,7 @@ int client_main(void) {
     else if (!strcmp(verb, "stress")) stress(atoi(a));
     else if (!strcmp(verb, "timer")) printf("%d\n", rcl_timer_call(NULL));
     else if (!strcmp(verb, "served")) fake_serve(a, atoi(b)), puts("ok");
-    else if (!strcmp(verb, "nodes")) fake_nodes((size_t)atoi(a)), puts("ok");
+    else if (!strcmp(verb, "nodes")) fake_nodes((size_t)atoi(a), (size_t)atoi(*b ? b : a)), puts("ok");
     else if (!strcmp(verb, "available")) {
       bool available = false;
       size_t number = 0;

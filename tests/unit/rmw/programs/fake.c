@@ -227,13 +227,13 @@ int rmw_count_services(const fake_t *node, const char *service, size_t *number) 
   *number = (size_t)server_count;
   return 0;
 }
-static size_t node_count;
+static size_t node_count, name_count;
 
-void fake_nodes(size_t number) { node_count = number; }
+void fake_nodes(size_t number, size_t names) { node_count = number, name_count = names; }
 static char **texts_of(fake_texts_t *into, const char *format) {
   into->count = node_count;
   into->texts = calloc(node_count, sizeof *into->texts);
-  for (size_t i = 0; i < node_count; i++) asprintf(&into->texts[i], format, i);
+  for (size_t i = 0; i < node_count; i++) asprintf(&into->texts[i], format, i % name_count);
   return into->texts;
 }
 static void free_text(void *text, void *state) {

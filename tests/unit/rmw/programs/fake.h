@@ -60,4 +60,4 @@ void fake_match(fake_t *entity, size_t partners);
 /* Let a process of another pod have a server of a service. */
 void fake_serve(const char *service, pid_t pid);
 /* Let the graph have so many nodes: /robot/node_0 and so on. */
-void fake_nodes(size_t number);
+void fake_nodes(size_t number, size_t names);

@@ -128,22 +128,16 @@ def test_every_node_of_a_pod_counts():
     )
 
 
-@pytest.mark.parametrize("mode", ["none", "peers"])
-def test_nodes_of_one_name_are_told_apart_by_their_topics(mode: str):
-    """As two `ros2 topic`, each process 1 of its pod; a network is trusted to connect them."""
-    pods = [layered("a", "node1", mode=mode), layered("b", "node2", mode=mode)]
-
-    def look(partners: int) -> dict[str, Observation]:
-        both = (("a", True), ("b", False))
-        return {
-            name: noted("same", flows=(flow("/chatter", partners, sent=sent),))
-            for name, sent in both
-        }
-
-    assert graph(pods, look(0)).deaf == ((("node1", "node2"),) if mode == "none" else ())
-    found = graph(pods, look(1))
+def test_nodes_of_one_name_discover_each_other_if_each_has_seen_both():
+    """As two `ros2 topic`, each process 1 of its pod: what has their name may be its own node."""
+    pods = [layered("a", "node1"), layered("b", "node2")]
+    alone, both = noted("same"), noted("same", twice=frozenset({"/same"}))
+    assert graph(pods, {"a": alone, "b": alone}).deaf == (("node1", "node2"),)
+    found = graph(pods, {"a": both, "b": both})
     assert found.deaf == ()
     assert [pod.discovered_by for pod in found.pods] == [("b",), ("a",)]
+    seen = of_notes(answer(process("/same", seen=["/same", "/same", "/other"])))
+    assert (seen.discovered, seen.twice) == ({"/same", "/other"}, {"/same"})
 
 
 def flow(topic: str, partners: int, *, sent: bool) -> Flow:

@@ -69,9 +69,8 @@ Entity = namedtuple(
 #: A process with the layer. pid: in the namespace of its container. full: entities for which its
 #: file had no place. ended: it has ended, or runs another program. mode: what it may do. seen: the
 #: nodes that it has discovered, its own among them; those of one name one by one. helper: a program
-#: of ours beside the node.
-#: stands: ns for which one of its executors has not looked for work, 0 while all wait for some.
-#: goals: the actions that it serves and that have a goal which is not finished.
+#: of ours beside the node. stands: ns for which one of its executors has not looked for work, 0
+#: while all wait for some. goals: the actions that it serves and that have an unfinished goal.
 Process = namedtuple("Process", "pid full ended mode seen entities helper stands goals")
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.app.deploying.guests import DeployRequest, Guest
-from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.release.part import Inspection, Part
+
+if TYPE_CHECKING:
+    from rigel_k8s.app.options import OrchestrationOptions
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.part import Inspection, Part
 
 
 class MultusGuest(Guest):
@@ -32,6 +34,7 @@ class MultusGuest(Guest):
         mended: bool,
     ) -> Inspection:
         """Return what the preflight finds."""
+        from rigel_k8s.release.part import Inspection
         from rigel_multus.preflight.examine import inspect
 
         error, warnings = inspect(objects, options.network, cluster, mended=mended)

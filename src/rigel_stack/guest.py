@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rigel_k8s.app.deploying.guests import DeployRequest, Guest
-from rigel_k8s.observability.options import request_of
-from rigel_k8s.release.part import Part
+
+if TYPE_CHECKING:
+    from rigel_k8s.release.part import Part
 
 
 class StackGuest(Guest):
@@ -14,15 +16,15 @@ class StackGuest(Guest):
 
     def parts(self, request: DeployRequest) -> Sequence[Part]:
         """Return the stack that `observability` requests."""
-        options, cluster = request.options, request.cluster
-        if not options.observability.enabled:
+        if not request.options.observability.enabled:
             return ()
+        from rigel_k8s.observability.options import request_of
         from rigel_stack.install import requested_stack, stack_part
 
         stack = request_of(request.raw.get("observability") or {})
-        if options.observability_only:
-            return [stack_part(stack, cluster)]
-        return requested_stack(stack, cluster, request.report)
+        if request.options.observability_only:
+            return [stack_part(stack, request.cluster)]
+        return requested_stack(stack, request.cluster, request.report)
 
 
 GUEST = StackGuest()

@@ -434,8 +434,7 @@ class _Engine:
 
     def _fail(self, where: str, error: BaseException, branch: _Branch) -> None:
         if not branch.boundary.take(make_failure(where, error)):
-            summary = summarise_error(error)
-            branch.report.warn(f"{where}, while it was stopped: {summary}")
+            branch.report.warn(f"{where}, while it was stopped: {summarise_error(error)}")
 
 
 def make_failure(where: str, error: BaseException) -> JobFailed:

@@ -1,21 +1,23 @@
 """What joins the deploy of an application without being known here.
 
-A guest is found by an entry point of the group `rigel_k8s.parts` (docs/plugins.md).
+Guests are found by entry points, `rigel_k8s.parts`. Imports are late: `rigel explain` asks, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
-from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.installed import find, list_names
-from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.release.part import Inspection, Part
-from rigel_k8s.report import Reporter
+
+if TYPE_CHECKING:
+    from rigel_k8s.app.options import OrchestrationOptions
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.part import Inspection, Part
+    from rigel_k8s.report import Reporter
 
 
 @attrs.frozen
@@ -47,14 +49,14 @@ class Guest:
         cluster: Cluster,
         *,
         mended: bool,
-    ) -> Inspection:
+    ) -> Inspection | None:
         """Return what keeps the application from working on this cluster, or may.
 
         Args:
             objects: the application's manifests.
             mended: a part of rank "network" is written before; leave out what it mends.
         """
-        return Inspection()
+        return None
 
     def kinds(self) -> Iterable[tuple[str, str, str]]:
         """Return (word, cause, where the answer comes from) of what `inspect` finds; Markdown."""

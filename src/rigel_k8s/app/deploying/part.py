@@ -76,7 +76,8 @@ class ApplicationHooks(Hooks):
         """Return what keeps it from working on this cluster, or may."""
         mended = any(one.part.rank == "network" and one.writes for one in earlier)
         options, objects = self.prepared.options, self.prepared.desired.objects
-        seen = [one.inspect(objects, options, cluster, mended=mended) for one in self.guests]
+        looks = (one.inspect(objects, options, cluster, mended=mended) for one in self.guests)
+        seen = list(filter(None, looks))
         return Inspection(
             [error for one in seen for error in one.errors],
             [warning for one in seen for warning in one.warnings],

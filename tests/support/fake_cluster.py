@@ -14,6 +14,7 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime, timezone
+from types import SimpleNamespace
 from typing import Any
 
 import attrs
@@ -340,11 +341,12 @@ class FakeCluster:
     def logs(self, *args: Any, **options: Any) -> Iterator[str]:
         return iter(["last words"])
 
-    def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
-        """Whether a container of a pod runs, as its status says: there is no runtime to ask."""
+    def follow_end(self, namespace: str, pod: str, container: str, *, seconds: float) -> Any:
+        """Tell whether a container runs, as its pod's status says: there is no runtime to ask."""
         live = self.objects.get(ObjectRef("v1", "Pod", namespace, pod)) or {}
         states = (live.get("status") or {}).get("containerStatuses") or []
-        return all("running" in s["state"] for s in states if s["name"] == container)
+        runs = all("running" in s["state"] for s in states if s["name"] == container)
+        return SimpleNamespace(ended=not runs, over=True, settled=True, abort=lambda: None)
 
     def parallel(
         self, function: Callable[[Any], Any], items: Iterable[Any], *, width: int = 1

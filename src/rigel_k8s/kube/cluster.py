@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 from urllib.parse import quote
 
 import attrs
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.answers import read_version
 from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.ending import LogEnd
 from rigel_k8s.kube.execution import Execution
 from rigel_k8s.kube.forwarding import Forwarding
 from rigel_k8s.kube.resources import with_query
@@ -24,8 +23,6 @@ from rigel_k8s.kube.watching import Watching
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.system import threads
 from rigel_k8s.system.threads import aborting
-
-ANSWERS = 8  # durations of an answer: how long the end of a log may take
 
 
 class Pods:
@@ -73,24 +70,13 @@ class Pods:
             for line in stream.lines():
                 yield line.decode("utf-8", "replace")
 
-    def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
-        """Whether a container's log continues for some seconds; True if that is unknown.
+    def follow_end(self, namespace: str, pod: str, container: str, *, seconds: float) -> LogEnd:
+        """Begin to follow a container's log, which ends when the container does.
 
-        A log ends when its container ends. The pod's status still reports for a second or more that
-        the container runs; the log has the present answer of the container runtime. A quiet
-        container's log and a slow machine both send nothing for a while: so the time of an answer
-        that certainly comes is measured first.
+        Args:
+            seconds: how long it must go on, at least, before the container counts as running.
         """
-        what = f"follow the log of Pod {namespace}/{pod}"
-        query = {"container": container, "tailLines": "0"}
-        ref = ObjectRef("v1", "Pod", namespace, pod)
-        url = self.client.path_of(ref, what, subresource="log", query=query)
-        with suppress(ClusterError):
-            started = time.monotonic()
-            self.client.raise_for(self.client.transport.request("GET", url, what), what)
-            patience = max(seconds, ANSWERS * (time.monotonic() - started))
-            return self.client.transport.goes_on(f"{url}&follow=true", patience)
-        return True
+        return LogEnd(self.client, ObjectRef("v1", "Pod", namespace, pod), container, seconds)
 
 
 T = TypeVar("T")

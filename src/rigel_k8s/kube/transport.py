@@ -15,7 +15,6 @@ import attrs
 import urllib3
 from urllib3.connection import HTTPConnection
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.connections import (
     BLOCK,
     BROKEN,
@@ -172,8 +171,20 @@ class Transport:
             timeout: seconds without a byte after which the stream counts as broken; None: never.
             patience: seconds until the answer begins.
         """
-        headers = self.headers({"Accept": "application/json"})
         connection = self.connect(what)
+        return self.stream_on(connection, path, what, timeout=timeout, patience=patience)
+
+    def stream_on(
+        self,
+        connection: HTTPConnection,
+        path: str,
+        what: str,
+        *,
+        timeout: float | None,
+        patience: float | None,
+    ) -> Stream | Answer:
+        """Do so on a connection that the caller may shut down; no patience is endless."""
+        headers = self.headers({"Accept": "application/json"})
         sock = connection.sock
         try:
             sock.settimeout(patience)
@@ -191,25 +202,6 @@ class Transport:
             raise self.unreachable_error(what, error) from error
         sock.settimeout(timeout)
         return Stream(connection, response, sock)
-
-    def goes_on(self, path: str, seconds: float) -> bool:
-        """Whether the answer to a GET has not ended some seconds after it began.
-
-        A missing answer has not. Connecting does not count: it takes long on a busy machine.
-        """
-        try:
-            opened = self.stream(path, "follow an answer", timeout=seconds, patience=seconds)
-        except ClusterError:
-            return True
-        if isinstance(opened, Answer):
-            return True
-        timer = threading.Timer(seconds, opened.abort)
-        timer.daemon = True
-        timer.start()
-        for _ in opened.lines():
-            pass
-        timer.cancel()
-        return not opened.ended
 
     def open_socket(self, what: str) -> socket.socket:
         """Return a connected socket (with TLS) for a protocol of its own."""

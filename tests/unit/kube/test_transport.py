@@ -7,9 +7,7 @@ import ssl
 import threading
 import time
 from base64 import b64encode
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,7 +23,6 @@ from rigel_k8s.kube.transport import Transport
 from rigel_k8s.system.tls import proxy_for
 from tests.support.certificates import AUTHORITY, Authority
 from tests.support.http_server import Exchange, HttpServer, serving
-from tests.support.until import until
 
 
 def transport_to(serve: Any, answer: Any, **target: Any) -> tuple[Transport, HttpServer]:
@@ -455,56 +452,3 @@ def test_a_proxy_carries_tls(
         wrong = Transport(attrs.evolve(target, proxy=proxy.url, server="https://other.example.com"))
         with pytest.raises(ClusterError, match="certificate is not trusted"):
             WAYS[way](wrong)
-
-
-def test_an_answer_that_ends_does_not_go_on(serve: Any) -> None:
-    """With lines in it or without one; it is told as soon as it is over."""
-    for body in (b"", b"a line\n"):
-        transport, _ = transport_to(serve, lambda exchange, body=body: exchange.say(200, body))
-        assert not transport.goes_on("/log", 60)
-
-
-def test_an_answer_that_stays_open_goes_on(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether it is silent, as a quiet node's log, or never stops; a refusal says nothing."""
-    over = threading.Event()
-
-    def talk(exchange: Exchange) -> None:
-        exchange.stream()
-        end = time.monotonic() + 60
-        while time.monotonic() < end and not over.wait(0.01):
-            exchange.chunk(b"line\n")
-        exchange.chunk(b"")
-
-    def be_silent(exchange: Exchange) -> None:
-        over.wait(30)
-
-    def begin_and_be_silent(exchange: Exchange) -> None:
-        exchange.stream()
-        over.wait(30)
-
-    def break_off(exchange: Exchange) -> None:
-        exchange.stream(b"line\n")
-        exchange.hang_up()
-
-    def goes_on(answer: Callable[[Exchange], None], seconds: float) -> bool:
-        transport, server = transport_to(serve, answer)
-        found = transport.goes_on("/log", seconds)
-        until(lambda: server.requests, "request", every=0.01)
-        return found
-
-    assert goes_on(be_silent, 0.1)
-    for answer in (break_off, lambda e: e.say(403, b"no")):
-        assert goes_on(answer, 60)  # each is over long before
-    # What begins has a minute to do so; only then do its seconds count, and these are over soon.
-    timers: list[float] = []
-
-    def start_timer(seconds: float, act: Callable[[], None]) -> threading.Timer:
-        timers.append(seconds)
-        return threading.Timer(0.05, act)
-
-    monkeypatch.setattr(module, "threading", SimpleNamespace(Timer=start_timer))
-    for answer in (begin_and_be_silent, talk):
-        assert goes_on(answer, 60)
-    assert timers == [60, 60]
-    over.set()
-    assert Transport(Target("http://127.0.0.1:1", "test")).goes_on("/log", 1)

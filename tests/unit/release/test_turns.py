@@ -69,10 +69,10 @@ def follow(view: View, monkeypatch: pytest.MonkeyPatch, grace: int = 330) -> Rec
     cluster = type("Cluster", (), {"sum_outages": lambda _: 0.0, "logs": lambda *_, **__: []})()
     run = make_run(desired(), cluster, report=told, timeout=60.0)
     monkeypatch.setattr(waiting, "time", type("Clock", (), {"monotonic": staticmethod(view.time)}))
-    monkeypatch.setattr(waiting, "all_run", lambda *_: True)
+    monkeypatch.setattr(waiting, "all_run", lambda *_, last: last)
     monkeypatch.setattr("rigel_k8s.release.rollout.view.pods_of", lambda _, __, pods: list(pods))
     account = Account(run, Standing({NODE: target}), 1, Ledger(Patience()))
-    waiting.follow(run, cast(Any, view), account, lambda: None)
+    waiting.follow(run, cast(Any, view), cast(Any, None), account, lambda: None)
     return told
 
 

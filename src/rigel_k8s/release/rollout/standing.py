@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping
 
 import attrs
 
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import is_optional
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.objects.steady import find_unprobed
 from rigel_k8s.release.rollout.causes import Cause, causes, containers, find_turn, list_restarts
 from rigel_k8s.release.rollout.readiness import UNSEEN, ObjectReadiness, readiness_without
+from rigel_k8s.release.rollout.unprobed import Unprobed, find_unprobed_in
 from rigel_k8s.release.rollout.view import Related
 
-if TYPE_CHECKING:
-    from rigel_k8s.kube.cluster import Cluster
-
-
 STEADY = 12.0  # seconds that a workload must stay up again after a crash to count as ready
-KINDS = ("Deployment", "DaemonSet", "StatefulSet")
-LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on an overloaded machine
-WIDTH = 32  # checks at the same time: each does nothing but wait
 
 
 @attrs.define
@@ -67,46 +59,6 @@ def is_down(pod: Manifest) -> bool:
     return any(c.get("restartCount") and "waiting" in (c.get("state") or {}) for c in states)
 
 
-@attrs.frozen
-class Unprobed:
-    """A container of a workload's pod that is ready because it runs."""
-
-    workload: ObjectRef
-    pod: str
-    container: str
-    uid: str  # of the pod
-
-
-def find_unprobed_in(
-    workload: ObjectRef, pods: Iterable[Manifest], away: Collection[str] = ()
-) -> Iterator[Unprobed]:
-    """Yield the containers without probes in those of a workload's pods that will stay.
-
-    Args:
-        away: machines whose pods are left out.
-    """
-    for pod in pods:
-        meta, spec = pod["metadata"], pod["spec"]
-        leaves = meta.get("deletionTimestamp") or spec.get("nodeName") in away
-        if workload.kind in KINDS and not leaves:
-            for name in find_unprobed(spec):
-                yield Unprobed(workload, meta["name"], name, meta["uid"])
-
-
-def find_ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
-    """Return the workloads with a container that does not run, checking all of them at once.
-
-    If logs may not be read, none counts as ended.
-    """
-
-    def look(one: Unprobed) -> bool:
-        return cluster.runs(one.workload.namespace, one.pod, one.container, seconds=LOOK)
-
-    known = list(suspects)
-    alive = cluster.parallel(look, known, width=WIDTH)
-    return {one.workload for one, runs in zip(known, alive, strict=True) if not runs}
-
-
 #: Kinds of causes for which a pod has failed for good.
 LASTING = ("failed", "evicted")
 GRACE = 30.0  # seconds that optional workloads have when all else is ready
@@ -122,7 +74,6 @@ class Standing:
         live: as the last look has found them.
         related: what belongs to them.
         rolling: those that were not ready at some look: their containers are new.
-        looked_at: the pods whose containers without probes have been checked.
         enough_since: when all but optional ones became ready, None if they are not.
     """
 
@@ -134,7 +85,6 @@ class Standing:
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: CrashLog = attrs.field(factory=CrashLog)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
-    looked_at: set[str] = attrs.field(factory=set)
     enough_since: float | None = None
 
     def look(self, live: Mapping[ObjectRef, Manifest], related: Related, now: float) -> None:
@@ -191,16 +141,13 @@ class Standing:
         return next(filter(None, (find_turn(pod, related.list_events(pod)) for pod in pods)), "")
 
     def list_unprobed(self) -> list[Unprobed]:
-        """Return the containers without probes of what has become ready, each pod's once."""
-        fresh = [
+        """Return the containers without probes in the new pods that are ready."""
+        return [
             container
             for ref, live in self.live.items()
-            if ref in self.rolling and self.is_ready(ref)
+            if ref in self.rolling and self.states[ref].message != UNSEEN
             for container in find_unprobed_in(ref, self.related.list_newest_pods(live), self.away)
-            if container.uid not in self.looked_at
         ]
-        self.looked_at |= {container.uid for container in fresh}
-        return fresh
 
     def find_causes(self) -> Iterator[tuple[ObjectRef, Cause]]:
         """Yield what is wrong now with what is not ready."""

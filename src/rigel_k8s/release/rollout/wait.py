@@ -13,11 +13,13 @@ from rigel_k8s.release.part import Look, Run
 from rigel_k8s.release.revisions import find_good
 from rigel_k8s.release.rollout.account import Account
 from rigel_k8s.release.rollout.patience import Ledger
-from rigel_k8s.release.rollout.standing import Standing, find_ended
+from rigel_k8s.release.rollout.standing import Standing
+from rigel_k8s.release.rollout.unprobed import LogWatch
 from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, Related, ReleaseView
 from rigel_k8s.release.types import WORKLOADS, Revision
 
 LOOK = 0.25  # seconds between two looks at the clock
+SOON = 0.05  # the same when only logs are waited for
 BRIEF = 0.01  # seconds of a look after which the next one may follow at once
 REST = 3  # pause, in durations of a look: a core is left for others
 EXPLAIN = 0.5  # seconds between two searches for causes
@@ -46,12 +48,13 @@ def wait(run: Run, applied: Iterable[Manifest], good: int, still_ours: Callable[
         return
     spaces = {ref.namespace for ref in targets}
     where = spaces.pop() if len(spaces) == 1 else ""
-    with ReleaseView(run.cluster, where, run.options.limit + SPARE) as view:
+    view, logs = ReleaseView(run.cluster, where, run.options.limit + SPARE), LogWatch(run.cluster)
+    with view, logs:
         own = f"{RELEASE_LABEL}={run.release.name}"
         kinds = {(ref.api_version, ref.kind) for ref in targets}
         view.watch([*sorted(kinds), REPLICA_SET, POD], labels=own)
         try:
-            follow(run, view, account, still_ours)
+            follow(run, view, logs, account, still_ours)
         except RolloutFailed:  # it names all causes
             account.ledger.seen.clear()
             raise
@@ -70,7 +73,13 @@ def wait_settled(run: Run, seen: Look, last: Revision) -> Revision:
     return last
 
 
-def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[], None]) -> None:
+def follow(
+    run: Run,
+    view: ReleaseView,
+    logs: LogWatch,
+    account: Account,
+    still_ours: Callable[[], None],
+) -> None:
     """Look again and again until all is ready; raises as `wait`."""
     standing, cancel = account.standing, run.options.cancel
     started, explained = time.monotonic(), 0.0
@@ -85,7 +94,8 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
         if turns > 0 and any(map(standing.find_turn, standing.list_waiting())):
             deadline, turns = deadline + now - seen, turns - (now - seen)
         seen = now
-        if standing.is_enough(now) and sees_pods(view, standing, now) and all_run(run, standing):
+        last = standing.is_enough(now) and sees_pods(view, standing, now)
+        if all_run(standing, logs, now, last=last):
             account.leave_behind()
             return
         still_ours()
@@ -106,7 +116,7 @@ def follow(run: Run, view: ReleaseView, account: Account, still_ours: Callable[[
         spent = time.monotonic() - now
         if spent > BRIEF:  # events gather: the next look handles all of them
             cancel.wait(min(LOOK, REST * spent))
-        view.refresh(LOOK)
+        view.refresh(SOON if last else LOOK)
 
 
 def allow_turns(targets: Iterable[Manifest]) -> float:
@@ -128,9 +138,10 @@ def sees_pods(view: ReleaseView, standing: Standing, now: float) -> bool:
     return view.complete and (REPLICA_SET in view.refused or not standing.list_unseen())
 
 
-def all_run(run: Run, standing: Standing) -> bool:
-    """Whether containers without probes really run; each is checked once, when all is ready."""
-    ended = find_ended(run.cluster, standing.list_unprobed())
+def all_run(standing: Standing, logs: LogWatch, now: float, *, last: bool) -> bool:
+    """Whether containers without probes really run; they are looked at until all else is ready."""
+    ready = standing.list_unprobed()
+    ended = logs.look(ready, now, last=last)
     for ref in ended:
-        standing.crashes.note_end(ref, time.monotonic())
-    return not ended
+        standing.crashes.note_end(ref, now)
+    return last and not ended and logs.is_sure_of(ready)

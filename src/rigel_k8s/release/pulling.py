@@ -12,9 +12,10 @@ our process is killed, it has a deadline, and Kubernetes deletes it with the Dep
 from __future__ import annotations
 
 import json
+import re
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -36,6 +37,8 @@ from rigel_k8s.release.rollout.view import EVENT, POD, ReleaseView
 from rigel_k8s.release.types import Plan, Step
 
 LOOK = 0.25  # seconds between two looks at the clock
+#: Reasons of the kubelet's events: a pull has begun, an image is there.
+PULLING, PULLED = "Pulling", "Pulled"
 BEGIN = 20.0  # seconds after which a machine that has not begun to pull is not waited for
 SPARE = 60.0  # seconds that a pod may outlive the wait, if our process is killed
 #: What a pull needs of the pod that will run.
@@ -260,7 +263,8 @@ def follow(
     deadline = started + run.options.limit - run.cluster.sum_outages()
     with ReleaseView(run.cluster, run.release.namespace, run.options.limit + SPARE) as view:
         view.watch([POD], labels=f"{PULL_LABEL}={run.release.name}")
-        view.watch([EVENT], fields="reason=Pulling")
+        for reason in (PULLING, PULLED):
+            view.watch([EVENT], fields=f"reason={reason}")
         while waiting:
             view.refresh(LOOK)
             now = time.monotonic()
@@ -280,7 +284,7 @@ def follow(
                 others = [f"{pull.machine}: {text}" for pull, text in known if text != what]
                 raise failure(same, what, CAUSES[kind].remedy, good, others)
             for ref, pull in list(waiting.items()):
-                if ref in live and is_over(live[ref]):
+                if ref in live and is_over(live[ref], find_pulled(view, live[ref])):
                     if ref in begun:
                         run.report.progress(pull.machine, f"has pulled {pull.title}", done=True)
                     del waiting[ref]
@@ -300,7 +304,8 @@ def follow(
 
 def find_begun(view: ReleaseView, live: Mapping[ObjectRef, Manifest]) -> set[ObjectRef]:
     """Return the pods whose kubelet has begun to pull; without events, those that it has seen."""
-    pulling = {event["involvedObject"].get("uid") for event in view.objects[EVENT].values()}
+    events = [one for one in view.objects[EVENT].values() if one.get("reason") == PULLING]
+    pulling = {event["involvedObject"].get("uid") for event in events}
     blind = EVENT in view.refused
     return {
         ref
@@ -310,19 +315,44 @@ def find_begun(view: ReleaseView, live: Mapping[ObjectRef, Manifest]) -> set[Obj
     }
 
 
+def find_pulled(view: ReleaseView, pod: Manifest) -> set[str]:
+    """Return the names of a pod's containers whose images are there by the kubelet's events.
+
+    An event comes at once; the pod's status follows when the kubelet looks at containers again,
+    once a second.
+    """
+    about = [
+        event["involvedObject"]
+        for event in view.objects[EVENT].values()
+        if event.get("reason") == PULLED
+        and event["involvedObject"].get("uid") == pod["metadata"]["uid"]
+    ]
+    found = [re.fullmatch(r"spec\.containers\{(.+)\}", one.get("fieldPath") or "") for one in about]
+    return {match[1] for match in found if match}
+
+
 def find_causes(pod: Manifest) -> Iterator[Cause]:
     """Yield why a pod's images cannot be pulled."""
     return (one for one in explain_pod(pod, ()) if one.kind in ("image", "image-name"))
 
 
-def is_over(pod: Manifest) -> bool:
-    """Whether all images of a pod are there, or it has ended without them."""
+def is_over(pod: Manifest, pulled: Collection[str] = ()) -> bool:
+    """Whether all images of a pod are there, or it has ended without them.
+
+    Args:
+        pulled: the names of the containers whose images are known to be there.
+    """
     status = pod.get("status") or {}
     states = {one["name"]: one.get("state") or {} for one in status.get("containerStatuses") or ()}
+    left = [
+        states.get(one["name"], {})
+        for one in pod["spec"]["containers"]
+        if one["name"] not in pulled
+    ]
     return status.get("phase") in ("Succeeded", "Failed") or all(
         state.keys() & {"running", "terminated"}
         or (state.get("waiting") or {}).get("reason") in START
-        for state in (states.get(one["name"], {}) for one in pod["spec"]["containers"])
+        for state in left
     )
 
 

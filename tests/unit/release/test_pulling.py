@@ -138,14 +138,14 @@ class Watcher(Recorder):
             self.act()
 
 
-def begin(fake: FakeCluster, pod: Live) -> Live:
+def begin(fake: FakeCluster, pod: Live, reason: str = "Pulling") -> Live:
     """Pull for as long as the test wants, and report that as kubelets do."""
-    about = {"involvedObject": {"uid": pod["metadata"]["uid"]}, "reason": "Pulling"}
-    event = {"apiVersion": "v1", "kind": "Event", **about}
-    event["metadata"] = {"name": f"{pod['metadata']['name']}.1", "namespace": "n"}
-    one = ref("Event", event["metadata"]["name"])
-    if one not in fake.objects:
-        fake.store.commit(one, None, event)
+    about = {"uid": pod["metadata"]["uid"], "fieldPath": "spec.containers{image-0}"}
+    event = {"apiVersion": "v1", "kind": "Event", "involvedObject": about, "reason": reason}
+    name = f"{pod['metadata']['name']}.{reason.lower()}"
+    event["metadata"] = {"name": name, "namespace": "n"}
+    if ref("Event", name) not in fake.objects:
+        fake.store.commit(ref("Event", name), None, event)
     return waiting("ContainerCreating")
 
 
@@ -166,6 +166,24 @@ def test_the_wait_ends_when_the_image_is_there(
         ("node1", "pulls app:2 before the update", False),
         ("node1", "has pulled app:2", True),
     ]
+
+
+def test_the_wait_ends_when_the_kubelet_says_that_the_image_is_there(
+    fake: FakeCluster, first: Recorder
+) -> None:
+    """Its event comes up to a second before the pod's status; another pod's does not count."""
+
+    def pulled(uid: str = "") -> None:
+        (pod,) = filter(is_pull, fake.list("v1", "Pod"))
+        meta = {**pod["metadata"], "uid": uid or pod["metadata"]["uid"]}
+        begin(fake, {**pod, "metadata": meta}, "Pulled")
+
+    pulls_are(fake, lambda pod: begin(fake, pod))
+    with pytest.raises(ClusterError, match=r"is not pulled after 0.5 s"):
+        update(fake, Watcher(lambda: pulled("another")), timeout=0.5)
+    report = Watcher(pulled)
+    update(fake, report)
+    assert ("node1", "has pulled app:2", True) in report.states
 
 
 def test_nothing_is_shown_of_an_image_that_is_there(fake: FakeCluster, first: Recorder) -> None:

@@ -48,7 +48,7 @@ class ReleaseView:
         self.news: queue.SimpleQueue[tuple[Kind, News]] = queue.SimpleQueue()
         self.objects: dict[Kind, dict[ObjectRef, Live]] = defaultdict(dict)
         self.over = threading.Event()
-        self.watched: set[Kind] = set()
+        self.watched: set[tuple[Kind, str]] = set()
 
     def __enter__(self) -> ReleaseView:
         return self
@@ -57,10 +57,10 @@ class ReleaseView:
         self.over.set()
 
     def watch(self, kinds: Iterable[Kind], labels: str = "", fields: str = "") -> None:
-        """Start to watch some kinds; those that are watched already are left alone."""
+        """Start to watch some kinds; those with the same `fields` already are left alone."""
         for kind in kinds:
-            if kind not in self.watched:
-                self.watched.add(kind)
+            if (kind, fields) not in self.watched:
+                self.watched.add((kind, fields))
                 work = (kind, labels, fields)
                 threading.Thread(target=self.follow, args=work, daemon=True).start()
 
@@ -116,7 +116,7 @@ class ReleaseView:
     @property
     def complete(self) -> bool:
         """Whether all that is there has been seen, as far as it may be seen."""
-        return self.watched <= self.listed | self.refused
+        return {kind for kind, _ in self.watched} <= self.listed | self.refused
 
     def find(self, ref: ObjectRef) -> Live | None:
         """Return an object, None if it has not been seen yet."""

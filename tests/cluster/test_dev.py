@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
+import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
 
+from ..support.relay import Relay, relaying
 from ..support.until import until
 from .background import Background
 from .conftest import Rigel, pod_uids, write_idle
@@ -154,3 +159,48 @@ def test_a_deploy_by_another_process_ends_the_session(
     world.expect(running, "another process has deployed motor")
     assert running.interrupt() == 1
     assert (world.pods(), world.deployment()) == (pods, deployed)
+
+
+@pytest.fixture
+def relay(world: World, deployer_config: Path, context: str, tmp_path: Path) -> Iterator[Relay]:
+    """A connection to the cluster that can be cut, for what `world` starts."""
+    config = yaml.safe_load(deployer_config.read_text())
+    name = next(c["context"]["cluster"] for c in config["contexts"] if c["name"] == context)
+    (chosen,) = (one["cluster"] for one in config["clusters"] if one["name"] == name)
+    server = urlsplit(chosen["server"])
+    assert server.hostname
+    assert server.port
+    with relaying(server.hostname, server.port) as made:
+        chosen["server"] = f"https://127.0.0.1:{made.port}"
+        chosen["tls-server-name"] = server.hostname
+        place = tmp_path / "relayed"
+        place.write_text(yaml.safe_dump(config))
+        world.place[1] = str(place)
+        yield made
+
+
+def test_a_lost_connection_ends_neither_the_session_nor_its_good_end(
+    world: World, relay: Relay, rigel_as_deployer: Rigel
+) -> None:
+    """What is saved meanwhile is copied when the cluster answers; so it is with Ctrl-C."""
+    before, deployed = world.pods(), world.deployment()
+    running = world.start()
+    developed = world.pods()
+    relay.cut()
+    world.expect(running, "waiting up to")
+    world.save("two")
+    relay.mend()
+    world.expect(running, "runs two")
+    assert world.pods() == developed
+
+    relay.cut()
+    ended: list[int] = []
+    end = Thread(target=lambda: ended.append(running.interrupt()))
+    end.start()
+    world.expect(running, "motor gets the release's version again")
+    relay.mend()
+    end.join()
+    assert ended == [130], running.lines
+    assert world.deployment() == deployed
+    assert world.pods()["other"] == before["other"]
+    assert "in development" not in world.status(rigel_as_deployer)

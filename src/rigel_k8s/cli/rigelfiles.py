@@ -14,14 +14,12 @@ from rigel_k8s.objects.text import plural
 @click.command()
 @click.option(
     "--ros",
-    type=click.Choice(["1", "2"]),
-    default="2",
-    show_default=True,
-    help="Write it for this version of ROS.",
+    metavar="DISTRO",
+    help="Write it for this distribution, or for ROS 1 or 2; default: your shell's, or 2.",
 )
 @click.option("--force", is_flag=True, help="Overwrite an existing Rigelfile.")
 @click.pass_context
-def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 - click passes it by name
+def init(ctx: click.Context, /, ros: str | None, force: bool) -> None:  # noqa: FBT001 - click passes it by name
     """Write a commented Rigelfile that passes `rigel check`."""
     from rigel_k8s.commands import rigelfiles as actions
 

@@ -13,12 +13,13 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.generation import GENERATIONS
+from rigel_k8s.distros import DISTROS
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import CheckResult
-from rigel_k8s.rigelfile.findings import Finding, sort_findings
+from rigel_k8s.rigelfile.findings import Finding, sort_findings, suggest
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Settings
@@ -99,18 +100,25 @@ def check_names(rigelfile: Rigelfile, directory: Path) -> Iterator[Finding]:
             yield grammar.place(rigelfile.root, problem)
 
 
-def init(path: Path, *, ros: str, force: bool) -> None:
+def init(path: Path, *, ros: str | None, force: bool) -> None:
     """Write a commented Rigelfile.
 
     Args:
-        ros: for which ROS, "1" or "2".
+        ros: for which ROS, "1", "2" or a distribution; None: that of the shell, if it has one.
 
     Raises:
-        UserError: it already exists, and not `force`.
+        UserError: it already exists, and not `force`; or there is no such distribution.
     """
     if path.exists() and not force:
         raise UserError(f"{path} already exists", hint="overwrite it with --force")
-    path.write_text(grammar.render_starter(GENERATIONS[ros].starter))
+    known = {name: ros for ros, names in DISTROS.items() for name in (ros, *names)}
+    own = os.environ.get("ROS_DISTRO", "")
+    ros = ros or (own if own in known else "2")
+    if ros not in known:
+        raise UserError(f'"{ros}" is no distribution of ROS{suggest(ros, known)}')
+    starter = GENERATIONS[known[ros]].starter
+    words = starter if ros in DISTROS else {**starter, "distro": ros}
+    path.write_text(grammar.render_starter(words))
 
 
 def schema() -> dict[str, Any]:

@@ -457,6 +457,35 @@ def test_init_writes_one_for_ros2_by_default(starter: Path) -> None:
     assert "distro: lyrical" in starter.read_text()
 
 
+@pytest.mark.parametrize(
+    ("words", "shell", "distro"),
+    [
+        (["--ros", "jazzy"], "humble", "jazzy"),
+        (["--ros", "1"], "humble", "noetic"),
+        (["--ros", "melodic"], "", "melodic"),
+        ([], "humble", "humble"),
+        ([], "noetic", "noetic"),
+        ([], "unheard-of", "lyrical"),
+    ],
+)
+def test_init_writes_it_for_a_distribution(
+    starter: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], shell: str, distro: str
+) -> None:
+    """Without one, for that of the shell; its packages are those of the distribution, too."""
+    monkeypatch.setenv("ROS_DISTRO", shell)
+    CliRunner().invoke(cli, ["init", "--force", *words], catch_exceptions=False)
+    text = starter.read_text()
+    assert f"distro: {distro}\n" in text
+    assert f"apt: [ros-{distro}-" in text
+    done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
+    assert done.return_value == 0, done.stdout
+
+
+def test_init_for_what_is_no_distribution(starter: Path) -> None:
+    done = CliRunner().invoke(cli, ["init", "--force", "--ros", "jazy"], standalone_mode=False)
+    assert str(done.exception) == '"jazy" is no distribution of ROS, did you mean "jazzy"?'
+
+
 @pytest.mark.parametrize("ros", ["1", "2"])
 def test_machines_can_pull_from_the_registry_of_init(ros: str) -> None:
     """On another machine `localhost` is that machine."""

@@ -49,6 +49,7 @@ from rigel_k8s.app.programs import (
     write_values,
 )
 from rigel_k8s.app.updating import Candidate, OnRequest, Way, find_obstacle, requests_hand_over
+from rigel_k8s.distros import CURRENT
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Volume
@@ -194,11 +195,11 @@ class Ros2(Generation):
     )
     starter: ClassVar[Mapping[str, str]] = {
         "status": "what runs where, who has discovered whom, and what is wrong",
-        "distro": "lyrical",
+        "distro": CURRENT,
         "workspace": "colcon",
         "run": "ros2, run",
         "package": "demo_nodes_cpp",
-        "apt": "ros-lyrical-demo-nodes-cpp",
+        "apt": "demo-nodes-cpp",
         "rate": "10.0",
         "deploys": """\
   # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they

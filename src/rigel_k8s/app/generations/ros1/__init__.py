@@ -52,7 +52,7 @@ class Ros1(Generation):
         "workspace": "catkin",
         "run": "rosrun",
         "package": "rospy_tutorials",
-        "apt": "ros-noetic-rospy-tutorials",
+        "apt": "rospy-tutorials",
         "rate": "10",
         "deploys": """\
   # Deploys a ROS master and the nodes, each in a pod of its own, and waits until they are ready.

@@ -9,10 +9,9 @@ import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.rollout import unprobed
-from rigel_k8s.release.rollout.unprobed import FOLLOWED, LEAST, LONG, LogWatch, find_unprobed_in
+from rigel_k8s.release.rollout.unprobed import LEAST, LONG, LogWatch, find_unprobed_in
 
 TALKER = ObjectRef("apps/v1", "Deployment", "n", "talker")
-JOB = ObjectRef("batch/v1", "Job", "n", "calibrate")
 PROBED = {"name": "probed", "readinessProbe": {"exec": {"command": ["true"]}}}
 STARTS = {"name": "starts", "startupProbe": {"exec": {"command": ["true"]}}}
 
@@ -24,8 +23,14 @@ def pod(name: str, ready: str = "True", **meta: str) -> dict[str, Any]:
     return {"metadata": meta, "spec": {"containers": containers}, "status": status}
 
 
-def containers(*names: str) -> list[unprobed.Unprobed]:
-    return list(find_unprobed_in(TALKER, map(pod, names)))
+def workload(kind: str = "Deployment", **spec: Any) -> dict[str, Any]:
+    api_version = "batch/v1" if kind == "Job" else "apps/v1"
+    meta = {"name": "talker", "namespace": "n"}
+    return {"apiVersion": api_version, "kind": kind, "metadata": meta, "spec": spec}
+
+
+def containers(*names: str, **spec: Any) -> list[unprobed.Unprobed]:
+    return list(find_unprobed_in(workload(**spec), map(pod, names)))
 
 
 @attrs.define
@@ -66,16 +71,17 @@ def watch(runtime: Runtime) -> LogWatch:
 def test_only_what_nobody_probes_in_ready_pods_that_stay_is_asked() -> None:
     """A container with a probe speaks for itself; a Job's may end; an old pod shall."""
     pods = [pod("a"), pod("b", deletionTimestamp="2026-01-01T00:00:00Z"), pod("c", ready="False")]
-    assert [(one.pod, one.container) for one in find_unprobed_in(TALKER, pods)] == [("a", "plain")]
-    assert not list(find_unprobed_in(JOB, pods))
+    found = find_unprobed_in(workload(), pods)
+    assert [(one.pod, one.container) for one in found] == [("a", "plain")]
+    assert not list(find_unprobed_in(workload("Job"), pods))
 
 
 def test_a_log_is_followed_while_kubernetes_waits(watch: LogWatch, runtime: Runtime) -> None:
     """Nothing is left to wait for if it has gone on long enough when all else is ready."""
-    ready = containers("a")
+    ready = containers("a", minReadySeconds=2)
     assert not watch.look(ready, 10.0, last=False)
     (log,) = runtime.logs["a"]
-    assert log.seconds == FOLLOWED
+    assert log.seconds == LEAST
     log.settled = True
     assert not watch.look(ready, 12.0, last=False)
     assert not watch.is_sure_of(ready), "it may end until all is ready"
@@ -84,11 +90,25 @@ def test_a_log_is_followed_while_kubernetes_waits(watch: LogWatch, runtime: Runt
     assert log.aborted
 
 
+@pytest.mark.parametrize(("minimum", "seconds"), [(None, 0.5), (0, 0.5), (2, 1.5), (10, 9.5)])
+def test_what_kubernetes_calls_available_early_is_followed_longer(
+    watch: LogWatch, runtime: Runtime, minimum: int | None, seconds: float
+) -> None:
+    """It may wait a second less than it is told to."""
+    ready = containers("a", minReadySeconds=minimum)
+    watch.look(ready, 10.0, last=True)
+    runtime.logs["a"][0].settled = True
+    watch.look(ready, 10.0 + seconds - 0.1, last=True)
+    assert not watch.is_sure_of(ready)
+    watch.look(ready, 10.0 + seconds, last=True)
+    assert watch.is_sure_of(ready)
+
+
 def test_what_is_seen_late_is_followed_for_a_moment(watch: LogWatch, runtime: Runtime) -> None:
-    ready = containers("a")
+    ready = containers("a", minReadySeconds=2)
     watch.since[ready[0]] = 10.0
     watch.look(ready, 20.0, last=True)
-    assert [log.seconds for log in runtime.logs["a"]] == [LEAST]
+    watch.look(ready, 20.1, last=True)
     assert not watch.is_sure_of(ready)
 
 
@@ -112,7 +132,7 @@ def test_so_many_logs_at_a_time(
     watch.look(ready, 10.0, last=True)
     assert sorted(runtime.logs) == ["a", "b"]
     runtime.logs["a"][0].settled = True
-    watch.look(ready, 10.1, last=True)
+    watch.look(ready, 10.5, last=True)
     assert sorted(runtime.logs) == ["a", "b", "c"]
     assert not watch.is_sure_of(ready)
 

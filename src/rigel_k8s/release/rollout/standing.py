@@ -146,7 +146,7 @@ class Standing:
             container
             for ref, live in self.live.items()
             if ref in self.rolling and self.states[ref].message != UNSEEN
-            for container in find_unprobed_in(ref, self.related.list_newest_pods(live), self.away)
+            for container in find_unprobed_in(live, self.related.list_newest_pods(live), self.away)
         ]
 
     def find_causes(self) -> Iterator[tuple[ObjectRef, Cause]]:

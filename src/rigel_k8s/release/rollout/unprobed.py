@@ -1,7 +1,7 @@
 """Containers without probes, which are ready because they run: do they still?
 
-A log shows an end sooner than the pod does. So it is followed from the moment that the pod is ready,
-while Kubernetes waits for `minReadySeconds`: when that is over, little is left to wait for.
+A log shows an end sooner than the pod does. So it is followed from the moment that the pod is
+ready, while Kubernetes waits for `minReadySeconds`: when that is over, little is left to wait for.
 """
 
 from __future__ import annotations
@@ -13,40 +13,48 @@ import attrs
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.ending import LogEnd
 from rigel_k8s.objects.facts import is_ready
-from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.steady import find_unprobed
 
 KINDS = ("Deployment", "DaemonSet", "StatefulSet")
-FOLLOWED = 1.5  # seconds after a pod was ready for which its logs must have gone on
-LEAST = 0.5  # of these, seconds that a log has to end: it took 0.03 s on an overloaded machine
+LEAST = 0.5  # seconds that a log has to end: it took 0.03 s on an overloaded machine
 LONG = 30.0  # seconds after which a log is left alone while others are waited for: it may be large
 WIDTH = 32  # logs at the same time
 
 
 @attrs.frozen
 class Unprobed:
-    """A container of a workload's pod that is ready because it runs."""
+    """A container of a workload's pod that is ready because it runs.
+
+    Attributes:
+        uid: of the pod.
+        seconds: how long it must have been ready.
+    """
 
     workload: ObjectRef
     pod: str
     container: str
-    uid: str  # of the pod
+    uid: str
+    seconds: float
 
 
 def find_unprobed_in(
-    workload: ObjectRef, pods: Iterable[Manifest], away: Collection[str] = ()
+    workload: Manifest, pods: Iterable[Manifest], away: Collection[str] = ()
 ) -> Iterator[Unprobed]:
     """Yield the containers without probes in those of a workload's ready pods that will stay.
 
     Args:
         away: machines whose pods are left out.
     """
+    ref = ref_of(workload)
+    # Of `minReadySeconds` Kubernetes waits for one less, since it stores whole seconds.
+    seconds = LEAST + max(0, int(workload["spec"].get("minReadySeconds") or 0) - 1)
     for pod in pods:
         meta, spec = pod["metadata"], pod["spec"]
         leaves = meta.get("deletionTimestamp") or spec.get("nodeName") in away
-        if workload.kind in KINDS and is_ready(pod) and not leaves:
+        if ref.kind in KINDS and is_ready(pod) and not leaves:
             for name in find_unprobed(spec):
-                yield Unprobed(workload, meta["name"], name, meta["uid"])
+                yield Unprobed(ref, meta["name"], name, meta["uid"], seconds)
 
 
 @attrs.define
@@ -83,14 +91,14 @@ class LogWatch:
             self.logs.pop(one).abort()
         for one in ready:
             since = self.since.setdefault(one, now)
-            log, late = self.logs.get(one), now - since >= LONG
+            log, ready_for = self.logs.get(one), now - since
+            late = ready_for >= LONG
             if log is None:
                 if one not in self.checked and len(self.logs) < WIDTH and (last or not late):
-                    seconds = max(LEAST, FOLLOWED - (now - since))
                     self.logs[one] = self.cluster.follow_end(
-                        one.workload.namespace, one.pod, one.container, seconds=seconds
+                        one.workload.namespace, one.pod, one.container, seconds=LEAST
                     )
-            elif log.settled and (last or late or log.ended):
+            elif log.ended or (log.settled and (late or (last and ready_for >= one.seconds))):
                 if log.ended:
                     ended.add(one.workload)
                 if log.ended or last:

@@ -15,7 +15,7 @@ from rigel_lab.cluster.addons import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.components import BUILDS, ON_REQUEST, Components
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
-from rigel_multus import names as multus
+from rigel_multus import installation as multus
 from rigel_stack.manifests.program import load
 
 KUBE_STATE_METRICS = BUILDS["kube-state-metrics"]

@@ -13,13 +13,13 @@ import attrs
 from rigel_build.recipe import Recipe
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.distros import CURRENT, ROS2
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile import Finding, Source, place, problems_error, render, structure
 from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.source import node_of, strip_places
+from rigel_k8s.ros import CURRENT, DISTROS_2
 from rigel_k8s.system.trees import File, Tree, write_tree
 from rigel_k8s.yaml_text import document
 from rigel_muto.archives import find_archive, translate_archive, unpack_archive
@@ -166,7 +166,7 @@ class Target:
 
     @property
     def is_ros2(self) -> bool:
-        return self.distro.lower() in ROS2
+        return self.distro.lower() in DISTROS_2
 
 
 def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:

@@ -16,11 +16,11 @@ from rigel_import.compose.service import ALL_DISTROS, Service, read_services
 from rigel_import.compose.values import USED_VAR, Value, Variables, read_env_file
 from rigel_import.draft import Draft, Place, Remark
 from rigel_import.text import read_text
-from rigel_k8s.distros import CURRENT
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.rigelfile.findings import problems_error
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.source import Source
+from rigel_k8s.ros import CURRENT
 
 #: Values of RMW_IMPLEMENTATION that the job has an option for.
 MIDDLEWARE = "rmw_(fastrtps|cyclonedds|zenoh)_cpp"

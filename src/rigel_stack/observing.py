@@ -87,15 +87,10 @@ def observe(
             closed,
             administrator(cluster, stack.namespace) if wanted else None,
         )
-        yield from watch_doors(opened)
-
-
-def watch_doors(opened: list[Door]) -> Iterator[str]:
-    """Yield what happens to the doors, until closed."""
-    while True:
-        time.sleep(LOOK)
-        for door in opened:
-            yield from door.look()
+        while True:
+            time.sleep(LOOK)
+            for door in opened:
+                yield from door.look()
 
 
 def administrator(cluster: Cluster, namespace: str) -> Administrator:
@@ -167,7 +162,9 @@ class Door:
             yield f"{self.name} is reachable again at {self.url}, in {self._pod['name']}"
 
     def _listen(self, port: int) -> None:
-        pod = self._ready_pod()
+        pod = next(iter(self._ready_pods()), None)
+        if pod is None:
+            raise ClusterError("none of its pods is ready")
         meta = pod["metadata"]
         remote = target_port(self._service, pod)
         forward = self._context.enter_context(
@@ -178,11 +175,6 @@ class Door:
 
     def _is_there(self) -> bool:
         return any(pod["metadata"]["uid"] == self._pod["uid"] for pod in self._ready_pods())
-
-    def _ready_pod(self) -> dict[str, Any]:
-        for pod in self._ready_pods():
-            return pod
-        raise ClusterError("none of its pods is ready")
 
     def _ready_pods(self) -> list[dict[str, Any]]:
         labels, namespace = (

@@ -141,16 +141,11 @@ def offer(state: State, extras: Sequence[str], made: Made, report: Report) -> No
         report(f"Adding {', '.join(extras)} to the registry")
         push_images(state.layout, extra_images(state.components, extras))
         remember(state, extras, offers)
-    for extra in extras:
-        offer_made(state, made.get(extra, {}), report)
-
-
-def offer_made(state: State, made: Mapping[str, Callable[[], Path]], report: Report) -> None:
-    """Add what others make; it may change without its name."""
-    for name, archive in made.items():
-        if oci.push_archive(archive(), shorten_name(name), state.layout.registry):
-            report(f"Adding {name} to the registry")
-    remember(state, (), made)
+    for others in (made.get(extra, {}) for extra in extras):
+        for name, archive in others.items():  # it may change without its name
+            if oci.push_archive(archive(), shorten_name(name), state.layout.registry):
+                report(f"Adding {name} to the registry")
+        remember(state, (), others)
 
 
 def remember(state: State, extras: Iterable[str], offers: Iterable[str]) -> None:

@@ -82,7 +82,10 @@ def build(
 
 def list_files(variant: Variant) -> tuple[Entry, ...]:
     """Return the files and links that Debian does not have: a layer, sorted by path."""
-    described = _descriptions() if variant == "core" else ()
+    described = (
+        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
+        for name, text in (UNDESCRIBED.items() if variant == "core" else ())
+    )
     return tuple(sorted((*_scripts(), *_links(), *described), key=lambda e: e.path))
 
 
@@ -115,13 +118,6 @@ def _links() -> tuple[Entry, ...]:
         Entry(f"{PREFIX}/lib", link="/usr/lib"),
         Entry(f"{PREFIX}/share", link="/usr/share"),
         *(Entry(f"{PREFIX}/bin/{name}", link=f"/usr/bin/{name}") for name in _COMMANDS),
-    )
-
-
-def _descriptions() -> tuple[Entry, ...]:
-    return tuple(
-        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
-        for name, text in UNDESCRIBED.items()
     )
 
 

@@ -71,7 +71,12 @@ def _recipe(distro: Distro) -> Recipe:
         fetched = fetch(lock(distro), scratch / "wheels", report)
         ros = scratch / "ros.tar"
         write_tree(fetched, prefix(distro), ros, mtime=EPOCH)
-        return _hooks(ros, f"/{prefix(distro)}/{SITE}")
+        # Compiled, since pods start with a read-only or an empty cache.
+        compiled = "python3 -m compileall -q --invalidation-mode checked-hash"
+        return (
+            f"--customize-hook=tar-in {ros} /",
+            f'--customize-hook=chroot "$1" {compiled} /{prefix(distro)}/{SITE}',
+        )
 
     return Recipe(
         title="ROS 2 base image",
@@ -84,15 +89,6 @@ def _recipe(distro: Distro) -> Recipe:
         overlay=layer(list_files(distro), mtime=EPOCH),
         locked=lock(distro).encode(),
         prepare=prepare,
-    )
-
-
-def _hooks(ros: Path, modules: str) -> tuple[str, ...]:
-    """Put ROS in, its modules compiled: pods start with a read-only or an empty cache."""
-    compiled = f"python3 -m compileall -q --invalidation-mode checked-hash {modules}"
-    return (
-        f"--customize-hook=tar-in {ros} /",
-        f'--customize-hook=chroot "$1" {compiled}',
     )
 
 

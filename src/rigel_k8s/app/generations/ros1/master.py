@@ -39,10 +39,11 @@ from rigel_k8s.objects.pods import (
     drop_empty,
     inpod_volume,
     probes,
+    stays,
     stop_hook,
+    tolerations,
 )
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.tolerations import stays, tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path

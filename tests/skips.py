@@ -51,7 +51,7 @@ EXPECTED = (
         "Debian 12 and newer have neither; pyenv's are taken where they are",
     ),
     Skip(
-        "tests/unit/images/test_tools.py",
+        "tests/unit/images/test_engine.py",
         "docker's command line is not here",
         "installing it would start Docker's engine beside whatever the machine runs",
     ),

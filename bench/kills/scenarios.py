@@ -20,7 +20,7 @@ from rigel_k8s.observability.options import StackRequest, request_of
 from rigel_k8s.release.part import Part, Run
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 from rigel_stack import install as stacks
-from rigel_stack.desired import desired_stack, render_stack
+from rigel_stack.install import desired_stack, render_stack
 
 GONE_TIMEOUT = 180.0
 #: Kinds that are compared.

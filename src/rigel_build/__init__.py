@@ -5,7 +5,7 @@ to each job type.
 
 recipe.py      a Dockerfile as text
 dockerfile.py  the job that writes it, with what it needs beside it
-buildx.py      the job that builds and pushes an image, for several machines at once
-tools.py       chooses an engine: docker.py or podman.py, each an engine.py
+buildx.py      the job that builds and pushes an image, for several machines at once; its engine
+               (engine.py) is docker.py or podman.py
 process.py     their programs, whose output progress.py shows
 """

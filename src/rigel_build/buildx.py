@@ -13,9 +13,10 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
+from rigel_build.docker import find_docker
 from rigel_build.engine import Build, Engine, Session
+from rigel_build.podman import find_podman
 from rigel_build.process import stream
-from rigel_build.tools import find_engine
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials, is_private
@@ -32,6 +33,7 @@ DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")
 _PLATFORM = re.compile(r"[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?")
 _ARGUMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _DATA_LOCK = threading.Lock()
+_INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with its buildx plugin"
 
 
 @attrs.frozen
@@ -92,6 +94,23 @@ class BuildXJob:
         job.report.progress(build.names[0], f"built with {engine.name}", done=True)
         for name, digest in digests.items():
             job.report.line(f"pushed {name} ({digest})")
+
+
+def find_engine(
+    tool: str, environ: Mapping[str, str], status: Path = Path("/proc/self/status")
+) -> Engine:
+    """Return docker or podman; `auto` takes docker if it works, else podman.
+
+    Raises:
+        RigelK8sError: the requested one is not installed or cannot build, with the reason.
+    """
+    reasons = []
+    for name in ("docker", "podman") if tool == "auto" else (tool,):
+        found = find_docker(environ) if name == "docker" else find_podman(environ, status)
+        if not isinstance(found, str):
+            return found
+        reasons.append(found)
+    raise RigelK8sError(f"cannot build images here: {'; '.join(reasons)}", hint=_INSTALL)
 
 
 def image_names(options: BuildXOptions) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ from typing import Any
 import attrs
 
 from rigel_build.engine import Build, Session, pass_on
+from rigel_build.process import ask, find_last, stream
 from rigel_build.process import build as run_build
-from rigel_build.process import stream
 from rigel_build.progress import Steps
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.image_reference import DOCKER_HUB
@@ -87,6 +88,20 @@ class Docker:
             cancel=session.cancel,
             on_line=Steps(session.on_state),
         )
+
+
+def find_docker(environ: Mapping[str, str]) -> Docker | str:
+    """Return docker, or why it cannot build."""
+    program = shutil.which("docker", path=environ.get("PATH"))
+    if program is None:
+        return "docker is not installed"
+    works, _ = ask([program, "buildx", "version"], environ)
+    if not works:
+        return "docker is installed without its buildx plugin"
+    works, output = ask([program, "buildx", "inspect", "--bootstrap"], environ)
+    if not works or "Status:" not in output or "Error:" in output:
+        return f"cannot reach docker's builder ({find_last(output)})"
+    return Docker(program, output)
 
 
 def builder_platforms(inspected: str) -> list[str]:

@@ -19,12 +19,12 @@ from rigel_build.recipe import (
     exec_form,
     render_dockerignore,
 )
-from rigel_k8s.distros import ROS1
 from rigel_k8s.errors import UserError
 from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
+from rigel_k8s.ros import DISTROS_1
 from rigel_k8s.settings import Application, Settings
 
 MARK = "# Written by rigel-k8s from a Rigelfile."
@@ -180,7 +180,7 @@ def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
 
 
 def _compiler(options: DockerfileOptions, application: Application) -> str:
-    ros1 = application.distro in ROS1
+    ros1 = application.distro in DISTROS_1
     return options.compiler.name or ("catkin_make" if ros1 else "colcon")
 
 
@@ -200,7 +200,7 @@ def _packages(directory: Path) -> Iterator[str]:
 
 
 def _check_compiler(options: DockerfileOptions, application: Application) -> Iterator[Problem]:
-    if options.compiler.name == "catkin_make" and application.distro not in ROS1:
+    if options.compiler.name == "catkin_make" and application.distro not in DISTROS_1:
         message = f"catkin_make builds ROS 1, but {application.distro} is ROS 2: use colcon"
         yield Problem(("compiler", "name"), message, "bad-compiler")
 

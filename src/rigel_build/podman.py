@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,8 +17,8 @@ from pathlib import Path
 import attrs
 
 from rigel_build.engine import Build, Session, mark, pass_on
+from rigel_build.process import ask, find_last, stream
 from rigel_build.process import build as run_build
-from rigel_build.process import stream
 from rigel_build.progress import Steps
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import docker_config, is_loopback
@@ -85,6 +86,19 @@ class Podman:
             [*words, "--output", str(file), *map(_complete_name, names)],
             f"save of {', '.join(names)}",
         )
+
+
+def find_podman(environ: Mapping[str, str], status: Path) -> Podman | str:
+    """Return podman, or why it cannot build; `status` is this process' own file of /proc."""
+    program = shutil.which("podman", path=environ.get("PATH"))
+    if program is None:
+        return "podman is not installed"
+    works, output = ask([program, "version"], environ)
+    if not works:
+        return f"podman does not run ({find_last(output)})"
+    chosen = ISOLATION in environ or not status.exists()
+    chroot = not chosen and misses_sys_resource(status.read_text("utf-8"))
+    return Podman(program, isolation="chroot" if chroot else None)
 
 
 def misses_sys_resource(status: str) -> bool:

@@ -21,6 +21,9 @@ from rigel_k8s.system.cache import cache_dir
 #: How many logs of failed builds are kept.
 LOGS = 20
 
+#: Seconds for a question to a program.
+_PROBE_SECONDS = 60
+
 _WAYS_OUT = (
     (
         "http response to https client|tls handshake|certificate signed by unknown",
@@ -120,3 +123,18 @@ def hint(lines: Iterable[str]) -> str | None:
     """Return what helps against a failure that docker and podman report in these lines."""
     text = "\n".join(lines).lower()
     return next((way for pattern, way in _WAYS_OUT if re.search(pattern, text)), None)
+
+
+def ask(words: Sequence[str], env: Mapping[str, str]) -> tuple[bool, str]:
+    """Return whether a program succeeds, and its output, or why it did not start."""
+    try:
+        done = process.finish(words, env=env, timeout=_PROBE_SECONDS)
+    except CommandFailed as error:
+        return False, error.message
+    return done.code == 0, "\n".join(done.lines)
+
+
+def find_last(output: str) -> str:
+    """Return the last line with text: it usually has the reason."""
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    return lines[-1] if lines else "no reason given"

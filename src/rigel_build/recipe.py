@@ -13,14 +13,14 @@ from importlib.resources import files
 
 import attrs
 
-from rigel_k8s.distros import ROS1
 from rigel_k8s.option_text import split_text
+from rigel_k8s.ros import DISTROS_1
 
 DOCKERFILE = "Dockerfile"
 #: Next to the Dockerfile, under the name that Rigel uses.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"
 
-_PYTHON2_DISTROS = ROS1.keys() - {"noetic"}
+_PYTHON2_DISTROS = DISTROS_1.keys() - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
 #: Debian's colcon only recommends the packages that it cannot work without.
 _COLCON_PARTS = (
@@ -99,7 +99,7 @@ class Recipe:
         ros = f"source /opt/ros/{self.distro}/setup.bash"
         if self.builds:
             return (ros, f"source {self.workspace}/{_SETUP_FILE[self.compiler]}")
-        if self.distro not in ROS1:
+        if self.distro not in DISTROS_1:
             return (ros,)
         # rosrun and roslaunch find packages that were never built by this path.
         return (ros, f'export ROS_PACKAGE_PATH="{self.workspace}/src:$ROS_PACKAGE_PATH"')
@@ -122,7 +122,7 @@ def dockerfile(recipe: Recipe) -> str:
         recipe=recipe,
         user=recipe.username,
         workspace=recipe.workspace,
-        ros1=recipe.distro in ROS1,
+        ros1=recipe.distro in DISTROS_1,
         owner="" if recipe.username == "root" else owner,
         debian_tools=debian,
         ubuntu_tools=ubuntu,
@@ -191,7 +191,7 @@ def _run_value(command: str) -> str:
 def _list_tools(recipe: Recipe) -> tuple[list[str], list[str]]:
     """Return the packages that build the workspace, by Debian's names and by packages.ros.org's."""
     debian, ubuntu = [], []
-    if recipe.distro in ROS1:
+    if recipe.distro in DISTROS_1:
         debian.append("catkin")
         ubuntu.append(f"ros-{recipe.distro}-catkin")
     if recipe.compiler == "colcon":

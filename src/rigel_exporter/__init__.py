@@ -12,6 +12,7 @@ dds*.py        DDS without ROS, and topics whose content is wanted: discovery, r
 messages.py    the few messages whose content becomes a metric, in both serializations
 samples.py     what a named topic's subscriber has received
 standing.py    compares looks with what is expected and was seen before, with limits
+expecting.py   whether a topic is as expected
 listening.py   named topics, /diagnostics, /clock, /tf
 collection.py  looks in the background, and the answer to a scrape over HTTP
 metrics.py     Prometheus' text, and the meaning of each metric

@@ -15,11 +15,10 @@ from typing import Any
 
 from rigel_exporter import __version__
 from rigel_exporter.config import Config
-from rigel_exporter.contract import Contract
 from rigel_exporter.graph import Half
 from rigel_exporter.listening import Listening
 from rigel_exporter.metrics import CONTENT_TYPE, Sample, text
-from rigel_exporter.standing import Standing
+from rigel_exporter.standing import Contract, Standing
 
 #: Seconds between two readings of the subscribers.
 _TICK = 1.0

@@ -1,16 +1,18 @@
 """Compares the graph with what is expected and what was seen before, with limits.
 
-It takes in looks and makes none itself. Times are seconds since 1970.
+It takes in looks and makes none itself. `Standing` is about nodes and topics, with times as seconds
+since 1970; `Contract` about what an application expects of topics.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TypeVar
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
 
-from rigel_exporter.graph import Graph, Master, Node, count_messages
+from rigel_exporter.expecting import OK, UNKNOWN, Expected, Finding, Reading, judge
+from rigel_exporter.graph import Graph, Master, Node, Topic, Traffic, count_messages
 from rigel_exporter.metrics import Sample
 
 #: How many of each are exported at most; ros_exporter_dropped counts the rest.
@@ -19,6 +21,8 @@ NODES, TOPICS, TRAFFIC = 200, 500, 2000
 REMEMBERED = 3600.0
 #: The form of ROS' anonymous names, which never occur again: /talker_1234_1700000000000.
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
+#: Seconds over which the rate of a topic of the contract is measured.
+WINDOW = 30.0
 
 T = TypeVar("T")
 
@@ -168,3 +172,61 @@ class Standing:
 
 def _take_first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:
     return sorted(items, key=key)[:most]
+
+
+class Contract:
+    """What is expected, and how it is by the latest look.
+
+    Args:
+        expected: fields of Expected, by topics' full names.
+    """
+
+    def __init__(self, expected: Mapping[str, Mapping[str, Any]]) -> None:
+        self._expected = {topic: Expected(**fields) for topic, fields in expected.items()}
+        self._looks: deque[tuple[float, Mapping[str, int]]] = deque()
+        self._findings: list[tuple[str, Finding]] = []
+
+    def take(self, graph: Graph, now: float) -> None:
+        """Take in a look; `now` in seconds."""
+        parts: dict[str, list[Traffic]] = {topic: [] for topic in self._expected}
+        for part in graph.traffic:
+            if part.topic in parts:
+                parts[part.topic].append(part)
+        counts = {topic: count_messages(its) for topic, its in parts.items()}
+        while len(self._looks) > 1 and self._looks[1][0] <= now - WINDOW:
+            self._looks.popleft()
+        self._looks.append((now, {t: n for t, n in counts.items() if n is not None}))
+        self._findings = []
+        for topic, expected in self._expected.items():
+            # Where its publishers were out of reach, what they sent meanwhile is no rate.
+            seen = ((at, known[topic]) for at, known in self._looks if topic in known)
+            (since, before), count = next(seen, (now, 0)), counts[topic]
+            rate = None if count is None or now == since else (count - before) / (now - since)
+            topics = [one for one in graph.topics if one.name == topic]
+            reading = _read_topic(topics, parts[topic], rate)
+            found = judge(expected, reading, now - since)
+            self._findings += [(topic, finding) for finding in found]
+
+    def samples(self) -> Iterator[Sample]:
+        """Yield the metrics; what was not measured has none."""
+        for topic, finding in self._findings:
+            if finding.state != UNKNOWN:
+                labels = {"topic": topic, "expectation": finding.what}
+                yield Sample("ros_topic_as_expected", finding.state == OK, labels)
+
+
+def _read_topic(topics: Sequence[Topic], traffic: Sequence[Traffic], rate: float | None) -> Reading:
+    """Return what is known of a topic; it is several of `topics` if it has several types."""
+    publishers = sum(one.publishers for one in topics)
+    subscribers = sum(one.subscribers for one in topics)
+    parts = [part for part in traffic if part.silence is not None]
+    counted = subscribers or any(part.matched is not None for part in traffic)
+    return Reading(
+        type=", ".join(sorted({one.type for one in topics})) or None,
+        # A publisher of ROS 1 without a subscriber counts nothing.
+        rate=(rate if counted else None) if publishers else 0.0,
+        gap=max((p.gap for p in parts if p.direction == "published"), default=None),
+        age=max((p.age for p in parts if p.direction == "received"), default=None),
+        publishers=publishers,
+        subscribers=subscribers,
+    )

@@ -3,8 +3,8 @@
 It stands above `rigel_k8s`, which never imports this package; an entry point (pyproject.toml) adds
 its command.
 
-draft.py     nodes and options on their way into a Rigelfile, with what is not carried over
-writing.py   a draft as the text of a Rigelfile, with comments, and as lines for the terminal
+draft.py     nodes and options on their way into a Rigelfile, with what is not carried over, and
+             the Rigelfile's text
 text.py      files that are imported, as text
 compose/     Docker Compose files as drafts
 launch/      launch files of ROS 1 and ROS 2 as drafts

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rigel_import.draft import Draft
 from rigel_k8s.cli.words import Group, settings, split_pair
 from rigel_k8s.errors import UserError
+
+if TYPE_CHECKING:
+    from rigel_import.draft import Draft
 
 
 @click.group("import", cls=Group)
@@ -91,7 +93,7 @@ def launch(
 
 def finish(ctx: click.Context, read: Callable[[], Draft], *, force: bool, prints: bool) -> None:
     """Write what was read, or print it, and say what was done."""
-    from rigel_import.writing import summarize, write_rigelfile
+    from rigel_import.draft import summarize, write_rigelfile
 
     target = settings(ctx).rigelfile
     hint = "overwrite it with --force, print with --print, or choose another with `rigel -f FILE`"

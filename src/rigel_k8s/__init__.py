@@ -11,6 +11,6 @@ def __getattr__(name: str) -> Any:
     """Return what Rigelfiles name `rigel_k8s.NAME` (`OrchestrationPlugin` and so on), lazily."""
     if not name.endswith(("Plugin", "Provider")):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from rigel_k8s.compat.names import public
+    from rigel_k8s.compat.plugin import public
 
     return public(name)

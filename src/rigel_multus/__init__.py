@@ -4,10 +4,9 @@ It stands above `rigel_k8s`, which never imports this package; what it adds is f
 (pyproject.toml): `rigel network`, the job type network, and in each deploy of an application what
 `guest.py` has.
 
-names.py         its release and images
 platform.py      distributions of Kubernetes: where their machines keep CNI's files; pure
 manifests.py     Multus and whereabouts as objects; pure
-installation.py  which of them a cluster has, and whose they are; pure
+installation.py  which of them a cluster has, and whose they are; what is installed; pure
 interfaces.py    pods that lack their interface
 install.py       installs them as a release, and lets each machine prove that it attaches pods
 proving.py       the pods and marks of that proof

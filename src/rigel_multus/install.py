@@ -23,14 +23,13 @@ from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import DeployOptions, Desired, Revision
 from rigel_k8s.report import Reporter
-from rigel_multus.installation import Installation, Presence, find_parts
+from rigel_multus.installation import RELEASE, Installation, Presence, find_parts
 from rigel_multus.manifests import (
     DEFINITIONS,
     machine_script,
     network_release,
     read_definitions,
 )
-from rigel_multus.names import RELEASE
 from rigel_multus.platform import Group, group_by_platform, platform
 from rigel_multus.proving import find_proven, list_marks, prove, remember
 

@@ -10,7 +10,7 @@ import attrs
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_multus.names import RELEASE
+from rigel_k8s.release.types import ReleaseId
 from rigel_multus.platform import Group
 
 Object = Mapping[str, Any]
@@ -23,6 +23,13 @@ NAMES = {
     "whereabouts": ("whereabouts", "rigel-whereabouts"),
 }
 IMAGES = {"multus": ("multus", "multus-cni"), "whereabouts": ("whereabouts",)}
+#: Multus and whereabouts are a release of their own, shared by all applications.
+RELEASE = ReleaseId("kube-system", "rigel-network")
+
+MULTUS_IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
+WHEREABOUTS_IMAGE = "ghcr.io/k8snetworkplumbingwg/whereabouts:v0.9.4"
+#: The standard CNI programs, for clusters whose own set has no macvlan.
+PLUGINS_IMAGE = "docker.io/rancher/hardened-cni-plugins:v1.9.1-build20260608"
 
 
 @attrs.frozen

@@ -21,8 +21,14 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.objects.steady import steady
 from rigel_k8s.release.types import Desired
 from rigel_k8s.yaml_text import Loader
-from rigel_multus.installation import Installation, Part
-from rigel_multus.names import MULTUS_IMAGE, PLUGINS_IMAGE, RELEASE, WHEREABOUTS_IMAGE
+from rigel_multus.installation import (
+    MULTUS_IMAGE,
+    PLUGINS_IMAGE,
+    RELEASE,
+    WHEREABOUTS_IMAGE,
+    Installation,
+    Part,
+)
 from rigel_multus.platform import Group
 
 Object = dict[str, Any]

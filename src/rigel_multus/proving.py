@@ -20,9 +20,8 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.report import Reporter
-from rigel_multus.installation import Installation
+from rigel_multus.installation import RELEASE, Installation
 from rigel_multus.manifests import read
-from rigel_multus.names import RELEASE
 
 Object = Mapping[str, Any]
 

@@ -20,9 +20,8 @@ from rigel_k8s.release.part import Part, Run
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 from rigel_multus.install import find, find_release
-from rigel_multus.installation import Installation
+from rigel_multus.installation import RELEASE, Installation
 from rigel_multus.interfaces import requests_of
-from rigel_multus.names import RELEASE
 from rigel_multus.proving import forget
 
 Object = Mapping[str, Any]

@@ -18,16 +18,15 @@ composed.py     several nodes in one process: composable nodes and nodelets
 translation.py  a stack with all that it refers to, as `nodes`
 unpacking.py    an archive's files, in memory, within limits
 archives.py     a stack that is an archive of sources, and the node that launches them
-writing.py      a whole Rigelfile as text
 
 Where stacks come from, and who asks for them:
 
-library.py      the files of a directory, searched by ids
 ditto.py        requests to a Ditto, with a secret that is sent nowhere else
-opening.py      what a user names: a file, an id, a thing of a Ditto, or the stack itself
+opening.py      what a user names: a file, an id that files of a directory or a Ditto have, or the
+                stack itself
 options.py      the key `muto` as options
 expansion.py    replaces the key by the stack's nodes, before anything else reads the options
-convert.py      `rigel muto convert`
+convert.py      `rigel muto convert`: a whole Rigelfile as text
 cli.py          the command's words
 job.py          the job that deploys the agent
 
@@ -35,8 +34,7 @@ The agent takes commands over MQTT. agent/ decides what a message means and what
 without a cluster; only broker.py, memory.py and current.py speak to others:
 
 agent/commands.py   the values between protocols and cluster: commands, queries, outcomes
-agent/payloads.py   JSON that all readers understand alike; where an answer may go
-agent/contents.py   values of payloads as commands
+agent/payloads.py   JSON that all readers understand alike, as commands; where an answer may go
 agent/protocols/    Muto's two generations and Symphony: messages as commands, outcomes as messages
 agent/wanted.py     what must run after a command, as the record that outlives the agent
 agent/allowance.py  what commands may use

@@ -7,12 +7,11 @@ application's exporter, and readers of Loki and Prometheus.
 
 boards/       dashboards, rules and alerts
 manifests/    the objects of the stack and of each program, from its options; pure
-desired.py    the options of a job, merged with those of other jobs
+install.py    the stack as a part of a job: its options, merged with those of other jobs; its hooks
 password.py   Grafana's administrator
-install.py    the stack as a part of a job, with its hooks
 removal.py    the way back
 status.py     the state of its parts
-doors.py      its parts at ports of this machine; observing.py: what `rigel observe` does with them
+observing.py  its parts at ports of this machine
 cli.py        the words of `rigel observe`; job.py: the job type
 """
 

@@ -54,10 +54,10 @@ def observe(
     """
     if ctx.invoked_subcommand is not None:
         return
-    from rigel_stack import observing as actions
+    from rigel_stack import observing
 
     ports = {"grafana": grafana, "prometheus": prometheus, "loki": loki}
-    for event in actions.observe(settings(ctx), ports, password=not no_password):
+    for event in observing.observe(settings(ctx), ports, password=not no_password):
         if isinstance(event, str):
             click.echo(event, err=True)
         elif output == "json":
@@ -104,11 +104,12 @@ def remove(
 ) -> None:
     """Remove the stack, for all applications. Its data stay unless --volumes."""
     from rigel_k8s.cli.releases import confirm
-    from rigel_stack import observing as actions
+    from rigel_stack.removal import remove_installed
 
     confirm("the observability stack of all applications", volumes=volumes, yes=yes)
     with choose_reporter(ctx) as report:
-        gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
+        at = settings(ctx, timeout=timeout)
+        gone, count, kept = remove_installed(at, report, volumes=volumes)
     left = f", {kept} kept for their data" if kept else ""
     deleted = f"{plural(count, 'object')} deleted"
     click.echo(f"removed the observability stack from {gone.namespace}: {deleted}{left}")

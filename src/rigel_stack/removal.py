@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 
+from rigel_k8s.commands.interruption import writing
 from rigel_k8s.deploy import down
 from rigel_k8s.errors import UserError
-from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import NAMESPACE, RELEASE
-from rigel_k8s.observability.reading.stack import find_namespace
+from rigel_k8s.observability.reading.stack import NoStack, find_namespace, find_stack
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId
 from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
 from rigel_stack.manifests.otelcollector import OTEL_COLLECTOR
 from rigel_stack.manifests.promtail import PROMTAIL
 from rigel_stack.password import administrator_ref
@@ -23,6 +26,27 @@ LOOK = 0.5
 #: Seconds in which a collector can send what it has read.
 HAND_OVER = 30.0
 COLLECTORS = (OTEL_COLLECTOR, PROMTAIL)
+
+
+def remove_installed(
+    settings: Settings, report: Reporter, *, volumes: bool
+) -> tuple[ReleaseId, int, int]:
+    """Remove the stack; return its release, and how many objects were deleted and how many stayed.
+
+    Args:
+        volumes: delete its data too.
+
+    Raises:
+        NoStack: neither a stack nor its data exist.
+    """
+    cluster = connect(settings)
+    with writing(cluster, settings, report) as options:
+        namespace = settings.namespace
+        with suppress(NoStack):  # its data may still exist
+            namespace = find_stack(cluster, namespace).namespace
+        plan = remove(cluster, options, volumes=volumes, namespace=namespace)
+    counts = [sum(step.action == action for step in plan.steps) for action in ("prune", "forget")]
+    return plan.release, counts[0], counts[1]
 
 
 def remove(

@@ -16,7 +16,7 @@ from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_multus.install import find_release
 from rigel_multus.installation import Installation
 from rigel_multus.platform import Group, platform
-from rigel_stack.desired import desired_stack
+from rigel_stack.install import desired_stack
 from tests.support.fake_cluster import FakeCluster
 from tests.support.tag_registry import DIGEST, TagRegistry, serve_tags
 

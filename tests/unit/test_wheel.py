@@ -49,8 +49,8 @@ import rigel_inpod as inpod
 from rigel_stack import boards
 from rigel_lab.images.exporter import entries as exporter
 from rigel_lab.images.mutoagent import list_package, read_lock
-from rigel_lab.images.ros1base.overlay import entries as ros1
-from rigel_lab.images.ros2base.overlay import entries as ros2
+from rigel_lab.images.ros1base.recipe import list_files as ros1
+from rigel_lab.images.ros2base.recipe import list_files as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
 from rigel_rmw import libraries

@@ -12,7 +12,7 @@ import attrs
 from rigel_import.compose.values import Value, Variables, read_env_file
 from rigel_import.draft import Place, Remark
 from rigel_import.text import read_text
-from rigel_k8s.distros import DISTROS
+from rigel_k8s.ros import DISTROS
 
 ALL_DISTROS = {name: ros for ros, names in DISTROS.items() for name in names}
 #: Programs by which a command line shows its ROS.

@@ -21,10 +21,10 @@ from rigel_import.launch.packages import (
 from rigel_import.launch.python import take_python
 from rigel_import.launch.scope import Robot, Scope
 from rigel_import.text import read_text
-from rigel_k8s.distros import CURRENT
-from rigel_k8s.distros import DISTROS as SUPPORTED
 from rigel_k8s.errors import UserError
 from rigel_k8s.rigelfile.findings import suggest
+from rigel_k8s.ros import CURRENT
+from rigel_k8s.ros import DISTROS as SUPPORTED
 from rigel_k8s.substitution_args import has_substitution
 
 #: By the generation of ROS.

@@ -12,8 +12,8 @@ from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.recording import VOLUME, is_recorder
 from rigel_k8s.objects.overlay import containers_of, merge, simplify
 from rigel_k8s.objects.podoptions import Placement, Toleration
+from rigel_k8s.objects.pods import STAY
 from rigel_k8s.objects.scalars import LabelKey, LabelValue, VolumeName
-from rigel_k8s.objects.tolerations import STAY
 from rigel_k8s.rigelfile.fields import fields_by_key
 
 APP_CONTAINER = "ros-app"

@@ -61,10 +61,10 @@ from rigel_k8s.objects.pods import (
     script,
     service_account,
     stop_hook,
+    tolerations,
 )
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import Port
-from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import (
     ReleaseContext,
     config_map,

@@ -26,9 +26,8 @@ from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.naming import object_name
-from rigel_k8s.objects.pods import Object, drop_empty, scripts_config
+from rigel_k8s.objects.pods import Object, drop_empty, scripts_config, tolerations
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 from rigel_k8s.observability.exporter import WatchedGraph, exporter_identity, exporter_objects
 from rigel_k8s.observability.options import RosMetrics

@@ -13,7 +13,6 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.generation import GENERATIONS
-from rigel_k8s.distros import DISTROS
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.names import Kind
@@ -22,6 +21,7 @@ from rigel_k8s.rigelfile import CheckResult
 from rigel_k8s.rigelfile.findings import Finding, sort_findings, suggest
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.rigelfile.parse import parse
+from rigel_k8s.ros import DISTROS
 from rigel_k8s.settings import Settings
 
 

@@ -1,4 +1,4 @@
-"""What every pod with ROS in it has: probes, the stop hook, in-pod scripts, a place for logs.
+"""What every pod with ROS in it has: probes, tolerations, the stop hook, in-pod scripts, logs.
 
 The scripts' contract is src/rigel_inpod/README.md.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.podoptions import Readiness, Toleration
 from rigel_k8s.objects.text import split_words
 
 Object = dict[str, Any]
@@ -32,6 +32,8 @@ LOOK = 8
 #: Seconds that the kubelet gives a probe's process. On a busy machine a shell and Python take many
 #: to start; a probe that finds a problem reports it long before.
 PROBE_TIMEOUT = 30
+#: A robot that loses its network keeps its pods: without these they are evicted after 300 s.
+STAY = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
 def drop_empty(fields: Mapping[str, Any]) -> Object:
@@ -75,6 +77,36 @@ def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
         "failureThreshold": int(own.failure_threshold or 2),
     }
     return {"startupProbe": start, "readinessProbe": {**check, **timing}}
+
+
+def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
+    """Return the pod's tolerations; a pod pinned to a machine stays when its network fails."""
+    result = [describe_toleration(item) for item in asked]
+    if pinned:
+        result += [{"key": key, "operator": "Exists", "effect": "NoExecute"} for key in STAY]
+    return result
+
+
+def describe_toleration(item: Toleration) -> Object:
+    fields = {
+        "key": str(item.key) if item.key else None,
+        "operator": item.operator or ("Exists" if item.value is None else "Equal"),
+        "value": str(item.value) if item.value is not None else None,
+        "effect": item.effect,
+        "tolerationSeconds": int(item.seconds) if item.seconds is not None else None,
+    }
+    return drop_empty(fields)
+
+
+def stays(pod: Mapping[str, Any]) -> bool:
+    """Return whether a pod's spec keeps it forever on a machine that Kubernetes cannot reach."""
+    return any(
+        one.get("key") in (STAY[1], None)
+        and one.get("operator") == "Exists"
+        and one.get("effect") in ("NoExecute", None)
+        and one.get("tolerationSeconds") is None
+        for one in pod.get("tolerations") or []
+    )
 
 
 def service_account(name: str | None) -> Object:

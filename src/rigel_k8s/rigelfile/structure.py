@@ -29,7 +29,6 @@ from rigel_k8s.rigelfile.fields import (
 )
 from rigel_k8s.rigelfile.findings import find_nearest, suggest
 from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
-from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.scalars import (
     Mismatch,
     choose_by_keys,
@@ -38,6 +37,7 @@ from rigel_k8s.rigelfile.scalars import (
     find_trap,
     is_a,
     is_yes_or_no,
+    keep_text,
     mismatch,
     scalar,
 )

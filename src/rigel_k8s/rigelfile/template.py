@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import attrs
 
-from rigel_k8s.rigelfile.numbers import keep_text
+from rigel_k8s.rigelfile.scalars import keep_text
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
 
 HEADERS = ("vars", "data")

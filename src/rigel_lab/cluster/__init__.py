@@ -6,8 +6,8 @@ Ethernet segment of their own. It is independent of Rigelfiles and jobs.
 
 from __future__ import annotations
 
+from rigel_lab.cluster.addons import EXTRAS
 from rigel_lab.cluster.commands import StepProgress
-from rigel_lab.cluster.extras import EXTRAS
 from rigel_lab.cluster.lifecycle import DEFAULT_NAME, down, up
 from rigel_lab.cluster.loading import load
 from rigel_lab.cluster.paths import names

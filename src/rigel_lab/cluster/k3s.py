@@ -11,7 +11,7 @@ import json
 import shutil
 from pathlib import Path
 
-from rigel_lab.cluster.nodepaths import K3S_DATA
+from rigel_lab.cluster.layout import K3S_DATA
 
 #: Where a server has the administrator's kubeconfig.
 KUBECONFIG = "/etc/rancher/k3s/k3s.yaml"

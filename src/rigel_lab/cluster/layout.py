@@ -1,11 +1,11 @@
-"""Everything that the machines of one cluster share: names, addresses, keys, programs."""
+"""Everything that the machines of one cluster share: names, addresses, keys, programs, paths."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import attrs
 
@@ -13,7 +13,6 @@ from rigel_lab.cluster import kubeconfig
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.certificates import Authority
 from rigel_lab.cluster.components import Components
-from rigel_lab.cluster.nodepaths import NodePaths, plain_paths
 
 API_PORT = 6443
 REGISTRY_PORT = 5000
@@ -24,6 +23,23 @@ SERVER = "node1"
 #: Each machine's number is the last part of its address.
 CONTROL_PLANE_NUMBER = 2
 FIRST_NODE_NUMBER = 11
+#: k3s' default data directory.
+K3S_DATA = "/var/lib/rancher/k3s"
+
+#: Paths of every node -> the directory of the node that is bound over each.
+BOUND = {
+    "/etc/cni": "etc-cni",
+    "/opt/cni": "opt-cni",
+    "/opt/local-path-provisioner": "local-path",
+    "/var/lib/kubelet": "kubelet",
+    "/var/lib/containerd": "containerd",
+    "/var/lib/cni": "cni",
+    # Lines that wait: another cluster would send them to its own Loki.
+    "/var/lib/rigel-otel-collector": "otel-collector",
+    "/var/lib/rigel-promtail": "promtail",
+    "/var/log/pods": "pod-logs",
+    "/var/log/containers": "container-logs",
+}
 
 
 def number(machine: str) -> int:
@@ -31,6 +47,61 @@ def number(machine: str) -> int:
     if machine == CONTROL_PLANE:
         return CONTROL_PLANE_NUMBER
     return FIRST_NODE_NUMBER - 1 + int(machine.removeprefix("node"))
+
+
+@attrs.frozen
+class NodePaths:
+    """Where a node has what other programs look for, as paths inside it.
+
+    Attributes:
+        cni_config: the directory of CNI configurations.
+        cni_programs: the directory of CNI programs.
+        containerd: the directory of containerd's data.
+        socket: containerd's socket.
+        binds: path inside -> the directory of the node that is bound over it.
+        data_dir: k3s' data directory, None on a plain node.
+    """
+
+    cni_config: str
+    cni_programs: str
+    containerd: str
+    socket: str
+    binds: Mapping[str, str]
+    data_dir: str | None = None
+
+    def locate(self, directory: Path, inside: str) -> Path:
+        """Return the machine's path of a path inside a node.
+
+        Args:
+            directory: the node's directory.
+            inside: a path below one that is bound over.
+        """
+        for target, name in self.binds.items():
+            if PurePosixPath(inside).is_relative_to(target):
+                return directory / name / PurePosixPath(inside).relative_to(target)
+        raise ValueError(f"{inside} is not the node's own")
+
+
+def plain_paths() -> NodePaths:
+    return NodePaths(
+        cni_config="/etc/cni/net.d",
+        cni_programs="/opt/cni/bin",
+        containerd="/var/lib/containerd",
+        socket="/run/containerd/containerd.sock",
+        binds=BOUND,
+    )
+
+
+def k3s_paths(data_dir: str) -> NodePaths:
+    """Return the places of a node of k3s; its /etc/cni and /opt/cni exist and are empty."""
+    return NodePaths(
+        cni_config=f"{data_dir}/agent/etc/cni/net.d",
+        cni_programs=f"{data_dir}/data/cni",
+        containerd=f"{data_dir}/agent/containerd",
+        socket="/run/k3s/containerd/containerd.sock",
+        binds={data_dir: "k3s", "/etc/rancher": "etc-rancher", **BOUND},
+        data_dir=data_dir,
+    )
 
 
 @attrs.frozen

@@ -23,12 +23,12 @@ from rigel_lab.cluster import (
     removal,
     shared,
 )
+from rigel_lab.cluster.addons import Made, offer, push_images
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.control_plane import control_plane
 from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
 from rigel_lab.cluster.machine import Machine
 from rigel_lab.cluster.node import node, write_resolv_conf
-from rigel_lab.cluster.registry import Made, offer, push_images
 from rigel_lab.cluster.requirements import check_name, require_host, require_root
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.status import ClusterStatus, status_of
@@ -162,7 +162,7 @@ def start_machines(state: State, report: Report) -> bool:
         start(state, layout, CONTROL_PLANE)
     if CONTROL_PLANE in missing or not state.furnished:
         report("Filling the registry and waiting for the API server")
-        push_images(layout, addons.images(layout.components))
+        push_images(layout, addons.own_images(layout.components))
         api.wait_until_ready(layout)
         api.create_nodes(layout, state.node_names)
     for name in [name for name in missing if name != CONTROL_PLANE]:
@@ -194,7 +194,7 @@ def furnish(state: State, report: Report) -> None:
     """Install DNS and storage, and wait until nodes and both are ready."""
     layout = state.layout
     report("Installing DNS and storage")
-    api.apply(layout, addons.objects(layout))
+    api.apply(layout, addons.describe_objects(layout))
     report("Waiting for the nodes to be Ready")
     wait_for_nodes(layout, state.node_names)
     report("Waiting for DNS and storage")

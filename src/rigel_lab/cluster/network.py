@@ -1,4 +1,8 @@
-"""A cluster's Ethernet segment: a bridge, and a network namespace for each of its machines."""
+"""A cluster's Ethernet segment: a bridge, and a network namespace for each of its machines.
+
+If this machine drops what it forwards, rules let the bridge's traffic through: Docker sets that
+policy, and if br_netfilter is loaded, it affects frames between two nodes as well.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from rigel_k8s.errors import CommandFailed
-from rigel_lab.cluster import forwarding
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.commands import run, succeeds
 from rigel_lab.cluster.layout import Layout, number
+
+LEGACY_TABLES = Path("/proc/net/ip_tables_names")
 
 
 def prefix(cluster: str) -> str:
@@ -56,7 +61,7 @@ def create(cluster: str, addresses: Addresses) -> None:
     address = f"{addresses.machine(1)}/{addresses.machines.prefixlen}"
     run(["ip", "addr", "replace", address, "dev", bridge])
     masquerade(cluster, addresses.block)
-    forwarding.allow(bridge)
+    allow_forwarding(bridge)
 
 
 def masquerade(cluster: str, block: str) -> None:
@@ -72,6 +77,48 @@ def masquerade(cluster: str, block: str) -> None:
         + [f"ip saddr {block} ip daddr != {block} oifname != {bridge_name(cluster)} masquerade;"]
         + ["}; };"]
     )
+
+
+def allow_forwarding(bridge: str) -> None:
+    """Accept what a bridge forwards, before everything else, if it would be dropped.
+
+    If nothing is dropped, neither a rule nor a table is made.
+    """
+    for tool in filter(drops, list_iptables()):
+        for rule in forwarding_rules(bridge):
+            if not succeeds([tool, "-w", "-C", *rule]):
+                run([tool, "-w", "-I", *rule])
+
+
+def list_iptables() -> list[str]:
+    """Return the kinds of iptables that have a FORWARD chain on this machine now."""
+    nft = succeeds(["nft", "list", "chain", "ip", "filter", "FORWARD"])
+    legacy = LEGACY_TABLES.exists() and "filter" in LEGACY_TABLES.read_text().split()
+    return ["iptables-nft"] * nft + ["iptables-legacy"] * legacy
+
+
+def drops(tool: str) -> bool:
+    """Return whether the FORWARD chain drops by policy."""
+    if tool == "iptables-nft":  # without the translation layer, which would make missing chains
+        with suppress(CommandFailed):
+            listing = json.loads(run(["nft", "-j", "list", "chain", "ip", "filter", "FORWARD"]))
+            chains = [item["chain"] for item in listing["nftables"] if "chain" in item]
+            return any(chain.get("policy") == "drop" for chain in chains)
+        return False
+    return run([tool, "-w", "-S", "FORWARD"]).startswith("-P FORWARD DROP")
+
+
+def forwarding_rules(bridge: str) -> list[list[str]]:
+    """Return the rules of a bridge, as iptables takes them."""
+    return [["FORWARD", side, bridge, "-j", "ACCEPT"] for side in ("-i", "-o")]
+
+
+def forget_forwarding(bridge: str) -> None:
+    """Remove a bridge's rules."""
+    for tool in list_iptables():
+        for rule in forwarding_rules(bridge):
+            while succeeds([tool, "-w", "-D", *rule]):
+                pass
 
 
 def wire(layout: Layout, machine: str) -> None:
@@ -131,4 +178,4 @@ def remove(layout: Layout, machines: Iterable[str]) -> None:
         run(["ip", "link", "del", bridge])
     with suppress(CommandFailed):
         run(["nft", "delete", "table", "ip", table_name(layout.name)])
-    forwarding.forget(bridge)
+    forget_forwarding(bridge)

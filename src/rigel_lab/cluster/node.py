@@ -1,4 +1,8 @@
-"""A node's machine: containerd, kubelet and kube-proxy, each on its default paths."""
+"""A node's machine: containerd, kubelet and kube-proxy, each on its default paths or those of k3s.
+
+The first node of k3s acts as the server: what is sent to its port of the API reaches the control
+plane, so that a laptop finds a cluster where it would find a robot's.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,13 @@ import json
 import shutil
 from pathlib import Path, PurePosixPath
 
-from rigel_lab.cluster import k3snode
-from rigel_lab.cluster.layout import Layout
+from rigel_k8s.yaml_text import document
+from rigel_lab.cluster import (
+    api,
+    k3s,
+)
+from rigel_lab.cluster.components import KUBERNETES_VERSION
+from rigel_lab.cluster.layout import API_PORT, SERVER, Layout
 from rigel_lab.cluster.machine import Machine
 
 CAP_SYS_RESOURCE = 24
@@ -61,7 +70,20 @@ def setup(layout: Layout, directory: Path) -> list[str]:
         "target=$(readlink -m /etc/resolv.conf)",
         'case "$target" in /run/*) mkdir -p "${target%/*}"; : >"$target";; esac',
         f'[ ! -e "$target" ] || mount --bind "{directory}/resolv.conf" "$target"',
-        *k3snode.setup(layout, directory.name),
+        *forward_api(layout, directory.name),
+    ]
+
+
+def forward_api(layout: Layout, name: str) -> list[str]:
+    """Return the shell lines that forward the server's port to the control plane."""
+    if not layout.nodes.data_dir or name != SERVER:
+        return []
+    own = f"-p tcp --dport {API_PORT}"
+    answer = f"-m conntrack --ctstate DNAT --ctorigdst {layout.address(name)}"
+    return [
+        f"iptables -w -t nat -A PREROUTING -d {layout.address(name)} {own}"
+        f" -j DNAT --to-destination {layout.control_plane}:{API_PORT}",
+        f"iptables -w -t nat -A POSTROUTING {own} {answer} -j MASQUERADE",
     ]
 
 
@@ -209,8 +231,21 @@ def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
 def install_cni(layout: Layout, directory: Path) -> None:
     """Put the standard CNI programs in place; a node of k3s has those of k3s alone."""
     if data_dir := layout.nodes.data_dir:
-        k3snode.furnish(layout, directory, data_dir)
+        furnish_k3s(layout, directory, data_dir)
         return
     place = layout.nodes.locate(directory, layout.nodes.cni_programs)
     if not place.exists():
         shutil.copytree(layout.components.cni_plugins, place)
+
+
+def furnish_k3s(layout: Layout, directory: Path, data_dir: str) -> None:
+    """Unpack k3s' programs on a node; the server has /etc/rancher/k3s/k3s.yaml as well."""
+    own = layout.nodes.locate(directory, data_dir)
+    k3s.unpack(own, data_dir, layout.components.cni_plugins, KUBERNETES_VERSION)
+    if directory.name != SERVER:
+        return
+    path = layout.nodes.locate(directory, k3s.KUBECONFIG)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch(mode=0o600)
+    content = api.access(layout, "default", f"https://127.0.0.1:{API_PORT}")
+    path.write_text(document(content))

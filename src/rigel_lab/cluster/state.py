@@ -10,9 +10,8 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.components import Components
-from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
+from rigel_lab.cluster.layout import CONTROL_PLANE, Layout, NodePaths, k3s_paths, plain_paths
 from rigel_lab.cluster.machine import Process, read_process
-from rigel_lab.cluster.nodepaths import NodePaths, k3s_paths, plain_paths
 from rigel_lab.cluster.paths import directory_of, names
 
 

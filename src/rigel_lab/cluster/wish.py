@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_lab.cluster.extras import EXTRAS
+from rigel_lab.cluster.addons import EXTRAS
 from rigel_lab.cluster.state import State
 
 DEFAULT_NODES = 2

@@ -186,7 +186,7 @@ class Host:
 
     def layer(self) -> Path:
         """Write the file system of an image: a shell."""
-        shell = addons.images(components.obtain(print))[3]
+        shell = addons.own_images(components.obtain(print))[3]
         path = self.directory / "layer.tar"
         path.write_bytes(shell.layer())
         return path

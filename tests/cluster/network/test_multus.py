@@ -11,7 +11,7 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
 from rigel_multus.install import install
-from rigel_multus.names import RELEASE
+from rigel_multus.installation import RELEASE
 from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]

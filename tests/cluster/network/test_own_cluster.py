@@ -25,8 +25,8 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import DeployOptions
 from rigel_lab.cluster import components, k3s
 from rigel_multus.install import install
+from rigel_multus.installation import RELEASE, WHEREABOUTS_IMAGE
 from rigel_multus.interfaces import find_without_interface
-from rigel_multus.names import RELEASE, WHEREABOUTS_IMAGE
 from rigel_multus.removal import remove, users
 from rigel_multus.status import network_status
 

@@ -137,7 +137,7 @@ def _images(context: str) -> None:
 @pytest.fixture(scope="session")
 def more_images(context: str) -> None:
     """The images of what few tests use."""
-    from rigel_lab.cluster.extras import EXTRAS
+    from rigel_lab.cluster.addons import EXTRAS
 
     for extra in EXTRAS.keys() - {"multus", "observability"}:
         offer(extra)

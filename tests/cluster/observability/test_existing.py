@@ -15,7 +15,7 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.types import Desired
-from rigel_lab.cluster.extras import IMAGES
+from rigel_lab.cluster.addons import IMAGES
 from rigel_stack import boards
 from rigel_stack.manifests.desired import stack_release
 from rigel_stack.manifests.stack import Boards

@@ -18,7 +18,7 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import LABELS
-from rigel_lab.cluster.extras import IMAGES
+from rigel_lab.cluster.addons import IMAGES
 
 from ..conftest import run_rigel, wait_for_account
 from .conftest import Stack, is_ready, until

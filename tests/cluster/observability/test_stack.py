@@ -372,7 +372,7 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
 ) -> None:
     """Every field of every object is known, and nothing is refused or dropped in silence."""
     from rigel_k8s.observability.options import request_of
-    from rigel_stack.desired import render_stack
+    from rigel_stack.install import render_stack
 
     for item in render_stack(request_of(UNRUN[what]), namespace).desired.objects:
         made = cluster.apply(item, dry_run=True, force=True)

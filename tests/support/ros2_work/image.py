@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from rigel_lab.images.base.build import EPOCH
-from rigel_lab.images.ros2base import overlay, wheels
+from rigel_lab.images.ros2base import recipe
 from rigel_lab.images.ros2base.packages import Distro
 
 from .. import shared
@@ -40,8 +40,8 @@ def push_work(name: str, base: str, distro: Distro = "jazzy") -> None:
     with tempfile.TemporaryDirectory() as scratch:
         context = Path(scratch)
         lock = f"ros-test-msgs=={version} --hash=sha256:{digest}\n"
-        found = wheels.fetch(lock, context / "wheels", Recorder())
-        wheels.tree(found, overlay.prefix(distro), context / "ros.tar", mtime=EPOCH)
+        found = recipe.fetch(lock, context / "wheels", Recorder())
+        recipe.write_tree(found, recipe.prefix(distro), context / "ros.tar", mtime=EPOCH)
         package = context / PACKAGE
         package.mkdir()
         shutil.copy(HERE / "robot.launch.xml", package)

@@ -9,9 +9,8 @@ import pytest
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.generation import GENERATIONS, generation_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.distros import CURRENT, ROS1, ROS2
 from rigel_k8s.rigelfile import render_starter
-from rigel_k8s.ros import find_end
+from rigel_k8s.ros import CURRENT, DISTROS_1, DISTROS_2, find_end
 
 
 @pytest.mark.parametrize("distro", ["kinetic", "melodic", "noetic", "Noetic", "our-own"])
@@ -47,7 +46,7 @@ def test_a_distribution_past_its_end_is_a_warning(distro: str, newer: str) -> No
     """It names the day, and what to move to."""
     (found,) = [p for p in check(OrchestrationOptions(), distro) if p.kind == "ended-distro"]
     assert found.severity == "warning"
-    assert str({**ROS1, **ROS2}[distro.lower()]) in found.message
+    assert str({**DISTROS_1, **DISTROS_2}[distro.lower()]) in found.message
     assert found.message.endswith(f"move to {newer}")
 
 
@@ -65,5 +64,5 @@ def test_the_last_day_is_a_day_of_support() -> None:
 
 def test_the_current_distribution_comes_first() -> None:
     """It is what `rigel init` writes."""
-    assert next(iter(ROS2)) == CURRENT
+    assert next(iter(DISTROS_2)) == CURRENT
     assert f"distro: {CURRENT}\n" in render_starter(GENERATIONS["2"].starter)

@@ -8,8 +8,8 @@ import pytest
 
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.generation import Texts
-from rigel_k8s.app.generations.ros1.binding import MASTER_ANNOTATION
 from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
+from rigel_k8s.app.generations.ros1.master import MASTER_ANNOTATION
 from rigel_k8s.app.options import KubernetesParams, NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, ObjectName, RosUri

@@ -21,8 +21,7 @@ from rigel_k8s.app.development import make_pod
 from rigel_k8s.commands.join import session
 from rigel_k8s.commands.join.inside import read_variables
 from rigel_k8s.commands.join.link import HEAD, Link
-from rigel_k8s.commands.join.pod import find_deployment, remove_ended, running
-from rigel_k8s.commands.join.session import Session
+from rigel_k8s.commands.join.session import Session, find_deployment, remove_ended, running
 from rigel_k8s.commands.pods import check_script
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError

@@ -11,7 +11,7 @@ from rigel_k8s.commands.logs.reading import Edge
 from rigel_k8s.kube.failures import refusal
 from rigel_k8s.observability.options import Existing, ExistingLoki, Observability
 from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, choose_service, explain
-from rigel_stack.doors import target_port
+from rigel_stack.observing import target_port
 
 POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
 

@@ -17,7 +17,7 @@ from rigel_k8s.release.refusals.missing import find_resource, need_for
 from rigel_multus.installation import Installation
 from rigel_multus.manifests import network_release
 from rigel_multus.platform import Group, platform
-from rigel_stack.desired import render_stack
+from rigel_stack.install import render_stack
 from tests.support.fake_cluster import FakeCluster
 
 

@@ -13,7 +13,7 @@ import pytest
 from rigel_k8s.commands import pods, releases, top
 from rigel_k8s.commands import status as reading
 from rigel_k8s.commands.dev import session
-from rigel_k8s.commands.join.pod import find_deployment
+from rigel_k8s.commands.join.session import find_deployment
 from rigel_k8s.commands.logs import reading as logs
 from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.commands.ros.live import Live

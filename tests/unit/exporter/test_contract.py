@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rigel_exporter.contract import Contract
 from rigel_exporter.graph import Graph, Topic, Traffic
+from rigel_exporter.standing import Contract
 
 INF = float("inf")
 

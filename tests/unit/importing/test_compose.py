@@ -15,8 +15,7 @@ import pytest
 
 from rigel_import.compose.options import ADVICE, READ
 from rigel_import.compose.reading import read
-from rigel_import.draft import Draft
-from rigel_import.writing import write_rigelfile
+from rigel_import.draft import Draft, write_rigelfile
 from rigel_k8s.cli.main import run
 from rigel_k8s.errors import UserError
 

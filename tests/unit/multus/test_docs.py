@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rigel_multus.names import MULTUS_IMAGE, PLUGINS_IMAGE, WHEREABOUTS_IMAGE
+from rigel_multus.installation import MULTUS_IMAGE, PLUGINS_IMAGE, WHEREABOUTS_IMAGE
 from rigel_multus.platform import platform
 
 from ..app.shapes import problems, release

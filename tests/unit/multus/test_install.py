@@ -29,9 +29,8 @@ from rigel_multus.install import (
     install,
     requested_multus,
 )
-from rigel_multus.installation import Installation, Presence
+from rigel_multus.installation import RELEASE, Installation, Presence
 from rigel_multus.job import NetworkJob
-from rigel_multus.names import RELEASE
 from rigel_multus.platform import Group, platform
 from rigel_multus.proving import fingerprint
 from tests.support.controllers import Controllers

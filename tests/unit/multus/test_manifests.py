@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_multus import names
+from rigel_multus import installation
 from rigel_multus.manifests import DEFINITIONS, read_definitions
 
 IMAGES = {
-    "k8s.cni.cncf.io": names.MULTUS_IMAGE,
-    "whereabouts.cni.cncf.io": names.WHEREABOUTS_IMAGE,
+    "k8s.cni.cncf.io": installation.MULTUS_IMAGE,
+    "whereabouts.cni.cncf.io": installation.WHEREABOUTS_IMAGE,
 }
 
 

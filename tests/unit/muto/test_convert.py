@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.cli.main import run
-from rigel_k8s.distros import CURRENT
+from rigel_k8s.ros import CURRENT
 
 from .shapes import FOLDER, SAMPLES
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rigel_muto import library
-from rigel_muto.library import Library, NotFound
-from rigel_muto.opening import open_stack
+from rigel_muto import opening
+from rigel_muto.opening import Library, NotFound, open_stack
 
 
 def write(directory: Path, name: str, identifier: str) -> None:
@@ -43,7 +42,7 @@ def test_a_directory_with_too_much_in_it_is_not_searched(
     """A stack that is named by its file is read all the same."""
     for number in range(3):
         write(tmp_path, f"{number}.json", f"org:{number}")
-    monkeypatch.setattr(library, "MOST_FILES", 2)
+    monkeypatch.setattr(opening, "MOST_FILES", 2)
     with pytest.raises(NotFound, match="more than 2 files"):
         open_stack("org:1", tmp_path, tmp_path, None)
     assert open_stack("1.json", tmp_path, tmp_path, None)[0].ids == ("org:1",)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.release.types import Desired
-from rigel_lab.cluster.nodepaths import BOUND
+from rigel_lab.cluster.layout import BOUND
 from tests.support.golden import Golden
 
 from .shapes import GOLDEN, release

@@ -18,17 +18,14 @@ from rigel_k8s.observability.options import ObservabilityOptions, request_of
 from rigel_k8s.observability.reading.stack import find_namespace
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
-from rigel_stack import desired as observability_wanted
 from rigel_stack import install as observability_install
-from rigel_stack.desired import (
+from rigel_stack.install import (
     api_servers,
     desired_stack,
+    find_missing_operator,
     find_positions,
     gives_storage,
     render_stack,
-)
-from rigel_stack.install import (
-    find_missing_operator,
     requested_stack,
     stack_part,
     warn_of_lost_data,
@@ -106,7 +103,7 @@ def last(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     def found(cluster: Any, release: ReleaseId) -> Revision | None:
         return revision(options) if options else None
 
-    monkeypatch.setattr(observability_wanted, "find_last_good", found)
+    monkeypatch.setattr(observability_install, "find_last_good", found)
     return options
 
 
@@ -179,7 +176,7 @@ def test_a_collector_shares_no_directory_with_another_cluster(
     for earlier in (default, f"{default}/elsewhere"):
         text = json.dumps(new.desired.objects).replace(f"{default}/0a1b2c3d", earlier)
         kept = attrs.evolve(revision(request), objects=tuple(json.loads(text)))
-        monkeypatch.setattr(observability_wanted, "find_last_good", lambda *_, kept=kept: kept)
+        monkeypatch.setattr(observability_install, "find_last_good", lambda *_, kept=kept: kept)
         assert look(asked(request)) == [(name, earlier)]
 
 

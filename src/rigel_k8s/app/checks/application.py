@@ -39,7 +39,6 @@ from rigel_k8s.app.updating import (
     requests_hand_over,
     share,
 )
-from rigel_k8s.distros import CURRENT
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.overlay import containers_of
@@ -50,7 +49,7 @@ from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem, Severity
-from rigel_k8s.ros import find_end, guess_distro
+from rigel_k8s.ros import CURRENT, find_end, guess_distro
 from rigel_rmw import libraries
 
 #: The volumes that rigel adds to pods.

@@ -49,7 +49,6 @@ from rigel_k8s.app.programs import (
     write_values,
 )
 from rigel_k8s.app.updating import Candidate, OnRequest, Way, find_obstacle, requests_hand_over
-from rigel_k8s.distros import CURRENT
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Volume
@@ -58,7 +57,7 @@ from rigel_k8s.objects.rosnames import NAMES_2
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
-from rigel_k8s.ros import ROS_2, ROS_ARGS, ROS_ARGS_END
+from rigel_k8s.ros import CURRENT, ROS_2, ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper
 from rigel_rmw import libraries

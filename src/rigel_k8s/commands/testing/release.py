@@ -16,8 +16,7 @@ from rigel_k8s.app.deploying.results import copy_out
 from rigel_k8s.app.testing import READER, RESULTS, TEST_ANNOTATION, make_test_pod
 from rigel_k8s.commands.expect import compare, read_expected
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.commands.testing.collecting import save_log
-from rigel_k8s.commands.testing.results import LOGS, Result, State, name_folder
+from rigel_k8s.commands.testing.results import LOGS, Result, State, name_folder, save_log
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NODE_ANNOTATION

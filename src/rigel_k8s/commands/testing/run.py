@@ -14,10 +14,15 @@ from rigel_k8s import deploy as deploys
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.run import prepare, require_kubeconfig
-from rigel_k8s.commands.targets import Warnings
-from rigel_k8s.commands.testing.collecting import collect, list_found
+from rigel_k8s.commands.targets import Release, Warnings
 from rigel_k8s.commands.testing.release import ReleaseTests
-from rigel_k8s.commands.testing.results import RUN, Result, remove_results, write_results
+from rigel_k8s.commands.testing.results import (
+    RUN,
+    Result,
+    collect,
+    remove_results,
+    write_results,
+)
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs import runner
 from rigel_k8s.jobs.job import JobReporter
@@ -112,6 +117,10 @@ def run_tests(
             write_results(results, output)
             report.line(f"results, logs and files are in {output}")
     return results
+
+
+def list_found(cluster: Cluster, namespace: str) -> list[Release]:
+    return [Release(cluster, one.release) for one in list_releases(cluster, namespace)]
 
 
 def require_tests(prepared: runner.Prepared, name: str) -> None:

@@ -13,9 +13,8 @@ from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, NAME_LABEL
 from rigel_k8s.objects.naming import HOSTNAME
 from rigel_k8s.objects.podoptions import Machines
-from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook, tolerations
 from rigel_k8s.objects.text import split_words
-from rigel_k8s.objects.tolerations import tolerations
 from rigel_k8s.objects.workloads import deployment, service
 
 #: The options of `network` that describe a server.

@@ -6,14 +6,14 @@ same entry point, /opt/ros/noetic/setup.bash, ROS_DISTRO, `python`, the same com
 independent of Kubernetes, Rigelfiles and the images that are built on it.
 
 packages.py   which Debian packages make a ROS 1
-overlay.py    what Debian's file layout is missing to look like the official image
-build.py      both as a recipe; images/base does the rest
+recipe.py     these, and what Debian's file layout is missing to look like the official image;
+              images/base does the rest
 """
 
 from __future__ import annotations
 
 from rigel_lab.images.base.build import BaseImage
-from rigel_lab.images.ros1base.build import build
 from rigel_lab.images.ros1base.packages import REFERENCES, Variant
+from rigel_lab.images.ros1base.recipe import build
 
 __all__ = ["REFERENCES", "BaseImage", "Variant", "build"]

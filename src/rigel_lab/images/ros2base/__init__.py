@@ -6,16 +6,15 @@ like the official one: the same entry point, /opt/ros/jazzy/setup.bash, ROS_DIST
 independent of Kubernetes, Rigelfiles and the images that are built on it.
 
 packages.py   which Debian packages and wheels make a ROS 2
-wheels.py     wheels to the tree that the official image has in /opt/ros/DISTRO
-overlay.py    what neither has: setup files, the entry point, a `ros2` command
-build.py      all of it as a recipe; images/base does the rest
+recipe.py     these, the wheels as the tree that the official image has in /opt/ros/DISTRO, and what
+              neither has: setup files, the entry point, a `ros2` command; images/base does the rest
 files/        the wheels' versions and digests (`./run lock` renews them), scripts, the command
 """
 
 from __future__ import annotations
 
 from rigel_lab.images.base.build import BaseImage
-from rigel_lab.images.ros2base.build import build
 from rigel_lab.images.ros2base.packages import REFERENCES, Distro
+from rigel_lab.images.ros2base.recipe import build
 
 __all__ = ["REFERENCES", "BaseImage", "Distro", "build"]

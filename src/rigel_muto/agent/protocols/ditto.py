@@ -24,14 +24,16 @@ from rigel_muto.agent.commands import (
     Stage,
     States,
 )
-from rigel_muto.agent.contents import identify, read_command, read_query
 from rigel_muto.agent.payloads import (
     Malformed,
     check_object,
     flag_at,
+    identify,
     is_topic,
     object_at,
+    read_command,
     read_object,
+    read_query,
     text_at,
     write_json,
 )

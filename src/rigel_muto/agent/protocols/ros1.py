@@ -23,12 +23,14 @@ from rigel_muto.agent.commands import (
     Result,
     States,
 )
-from rigel_muto.agent.contents import identify, read_command, read_query
 from rigel_muto.agent.payloads import (
     Malformed,
+    identify,
     is_topic,
     object_at,
+    read_command,
     read_object,
+    read_query,
     text_at,
     write_json,
 )

@@ -27,12 +27,12 @@ from rigel_muto.agent.commands import (
     Stage,
     States,
 )
-from rigel_muto.agent.contents import read_component
 from rigel_muto.agent.payloads import (
     Malformed,
     check_object,
     flag_at,
     object_at,
+    read_component,
     read_json,
     read_object,
     text_at,

@@ -24,7 +24,7 @@ def test_the_manifests_are_those_of_the_cluster(tmp_path: Path, servers: str) ->
     layout: Any = SimpleNamespace(
         directory=tmp_path, registry="r:5000", addresses=SimpleNamespace(dns_service="192.0.2.10")
     )
-    objects = addons.objects(layout)
+    objects = addons.describe_objects(layout)
     deployments = {
         (o["metadata"]["namespace"], o["metadata"]["name"]): o["spec"]["template"]["spec"]
         for o in objects

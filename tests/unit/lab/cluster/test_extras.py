@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.observability.exporter import EXPORTER_IMAGE
-from rigel_lab.cluster import extras
+from rigel_lab.cluster import addons
+from rigel_lab.cluster.addons import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.components import BUILDS, ON_REQUEST, Components
-from rigel_lab.cluster.extras import EXTRAS, IMAGES, extra_images, list_offered
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
-from rigel_multus import names as multus
+from rigel_multus import installation as multus
 from rigel_stack.manifests.program import load
 
 KUBE_STATE_METRICS = BUILDS["kube-state-metrics"]
@@ -170,7 +170,7 @@ def test_the_script_that_installs_the_standard_programs(
         (source / name).write_text("new")
     target.mkdir()
     (target / "bridge").write_text("old")
-    script = Path(extras.__file__).with_name("install-cnis.sh").read_text()
+    script = Path(addons.__file__).with_name("install-cnis.sh").read_text()
     script = script.replace("/host/opt/cni/bin", str(target)).replace("/opt/cni/bin", str(source))
     environment = {"PATH": "/usr/bin:/bin", "SKIP_CNI_BINARIES": "static,x", **variables}
     subprocess.run(["/bin/sh", "-c", script], env=environment, check=True, capture_output=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rigel_lab.cluster import k3s
-from rigel_lab.cluster.nodepaths import BOUND, k3s_paths, plain_paths
+from rigel_lab.cluster.layout import BOUND, k3s_paths, plain_paths
 
 
 @pytest.fixture

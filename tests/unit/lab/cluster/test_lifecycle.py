@@ -27,7 +27,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr(lifecycle, "start", lambda _, __, name: done.append(f"start {name}"))
     monkeypatch.setattr(lifecycle, "push_images", note("fill"))
     monkeypatch.setattr(lifecycle, "write_resolv_conf", note("names"))
-    monkeypatch.setattr(lifecycle.addons, "images", lambda _: ())
+    monkeypatch.setattr(lifecycle.addons, "own_images", lambda _: ())
     monkeypatch.setattr(lifecycle.api, "wait_until_ready", note("wait"))
     monkeypatch.setattr(lifecycle.api, "create_nodes", note("nodes"))
     monkeypatch.setattr(lifecycle.api, "mark_lost", note("lost"))

@@ -7,8 +7,8 @@ import pytest
 
 from rigel_k8s.errors import UserError
 from rigel_lab.cli.cluster import up
+from rigel_lab.cluster.addons import EXTRAS, list_offered
 from rigel_lab.cluster.components import ON_REQUEST, Components
-from rigel_lab.cluster.extras import EXTRAS, list_offered
 from rigel_lab.cluster.lifecycle import list_builds
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.wish import Wish

@@ -18,7 +18,7 @@ from rigel_k8s.system.oci import read_archive
 from rigel_lab.images.base.build import EPOCH, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.base.delivery import deliver
-from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, overlay
+from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, recipe
 from rigel_lab.images.ros1base.packages import PACKAGES
 from tests.support.recorder import Recorder
 
@@ -59,19 +59,19 @@ def files(layer: bytes) -> dict[str, tarfile.TarInfo]:
 
 def test_official_paths():
     """What Dockerfiles and Rigelfiles name of the official image is there, and is executable."""
-    found = files(overlay.layer("core", mtime=0))
+    found = files(recipe.layer("core", mtime=0))
     assert found["ros_entrypoint.sh"].mode == found["opt/ros/noetic/env.sh"].mode == 0o755
     assert found["opt/ros/noetic/bin/roscore"].linkname == "/usr/bin/roscore"
     assert {f"opt/ros/noetic/setup.{shell}" for shell in ("sh", "bash", "zsh")} <= set(found)
-    assert overlay.CONFIG["Entrypoint"] == ["/ros_entrypoint.sh"]
-    assert "ROS_DISTRO=noetic" in overlay.CONFIG["Env"]
+    assert recipe.CONFIG["Entrypoint"] == ["/ros_entrypoint.sh"]
+    assert "ROS_DISTRO=noetic" in recipe.CONFIG["Env"]
 
 
 def test_descriptions():
     """Packages whose package.xml Debian ships with the headers get one, unless the headers come."""
     description = "usr/share/std_msgs/package.xml"
-    assert description in files(overlay.layer("core", mtime=0))
-    assert description not in files(overlay.layer("devel", mtime=0))
+    assert description in files(recipe.layer("core", mtime=0))
+    assert description not in files(recipe.layer("devel", mtime=0))
     assert "libstd-msgs-dev" in PACKAGES["devel"]
 
 
@@ -79,7 +79,7 @@ def test_descriptions():
 @pytest.mark.parametrize("before", ["", "/opt/ros/noetic:/elsewhere"])
 def test_setup(shell: str, before: str):
     """Sourced once or twice, in sh or bash, with -eu: the same environment."""
-    setup = Path(overlay.__file__).parent / "files" / "setup.sh"
+    setup = Path(recipe.__file__).parent / "files" / "setup.sh"
     script = f'set -eu; . {setup}; . {setup}; echo "$PATH $ROS_PACKAGE_PATH $CMAKE_PREFIX_PATH"'
     env = {"PATH": "/usr/bin:/bin", **({"CMAKE_PREFIX_PATH": before} if before else {})}
     done = subprocess.run([shell, "-c", script], capture_output=True, text=True, env=env)
@@ -89,7 +89,7 @@ def test_setup(shell: str, before: str):
 
 def test_same_bytes():
     """The same files give the same layer, so an unchanged image keeps its digest."""
-    assert overlay.layer("core", mtime=7) == overlay.layer("core", mtime=7)
+    assert recipe.layer("core", mtime=7) == recipe.layer("core", mtime=7)
 
 
 def test_cache(programs: Path):

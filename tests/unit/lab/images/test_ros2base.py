@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_lab.images.ros2base import REFERENCES, build, overlay, packages, wheels
+from rigel_lab.images.ros2base import REFERENCES, build, packages, recipe
 from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.programs
 
-FILES = Path(overlay.__file__).parent / "files"
+FILES = Path(recipe.__file__).parent / "files"
 MMDEBSTRAP = """#!/bin/sh
 printf '%s\\n' "$@" >"$LOG"
 for word; do
@@ -44,7 +44,7 @@ def wheel(path: Path, **members: str) -> Path:
 
 
 def unpacked(*found: Path, target: Path) -> dict[str, tarfile.TarInfo]:
-    wheels.tree(found, "opt/ros/jazzy", target, mtime=7)
+    recipe.write_tree(found, "opt/ros/jazzy", target, mtime=7)
     with tarfile.open(target) as tar:
         return {m.name.removeprefix("opt/ros/jazzy/"): m for m in tar.getmembers()}
 
@@ -54,7 +54,7 @@ def test_wheels_become_the_tree_of_the_official_image(tmp_path: Path) -> None:
     members = {
         "ros_a-1.data/data/share/a/package.xml": "<package/>",
         "ros_a-1.data/data/bin/fastdds": "#!/bin/sh",
-        f"ros_a-1.data/data/{wheels.SITE}/a/__init__.py": "",
+        f"ros_a-1.data/data/{recipe.SITE}/a/__init__.py": "",
         "ros_a.libs/libssl-60250281.so.1.1.1k": "ssl",
         "ros_a-1.dist-info/METADATA": "Name: ros-a",
         "numpy.libs/libblas.so": "blas",
@@ -63,10 +63,10 @@ def test_wheels_become_the_tree_of_the_official_image(tmp_path: Path) -> None:
     assert set(found) == {
         "share/a/package.xml",
         "bin/fastdds",
-        f"{wheels.SITE}/a/__init__.py",
+        f"{recipe.SITE}/a/__init__.py",
         "lib/libssl-60250281.so.1.1.1k",
-        f"{wheels.SITE}/ros_a-1.dist-info/METADATA",
-        f"{wheels.SITE}/numpy.libs/libblas.so",
+        f"{recipe.SITE}/ros_a-1.dist-info/METADATA",
+        f"{recipe.SITE}/numpy.libs/libblas.so",
     }
     assert found["bin/fastdds"].mode == 0o755
     assert {member.mtime for member in found.values()} == {7}
@@ -137,7 +137,7 @@ def test_the_second_build_is_the_first_ones_file(programs: Path) -> None:
     first = build(Recorder())
     assert (first.built, first.reference) == (True, REFERENCES["jazzy"])
     told = programs.read_text()
-    assert f"opt/ros/jazzy/{wheels.SITE}/a/__init__.py" in told
+    assert f"opt/ros/jazzy/{recipe.SITE}/a/__init__.py" in told
     assert "python3-numpy" in told
     assert "compileall" in told
     assert not build(Recorder()).built
@@ -148,7 +148,7 @@ def test_the_second_build_is_the_first_ones_file(programs: Path) -> None:
 def test_other_wheels_are_another_image(programs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A renewed lock file is built, not overlooked in the cache."""
     first = build(Recorder())
-    module = sys.modules["rigel_lab.images.ros2base.build"]
+    module = sys.modules["rigel_lab.images.ros2base.recipe"]
     monkeypatch.setattr(module, "lock", lambda distro: "ros-rclpy==9")
     assert build(Recorder()).archive != first.archive
 
@@ -165,11 +165,11 @@ def test_a_wheel_with_another_digest_or_none_is_refused(
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
     digest = hashlib.sha256(found.read_bytes()).hexdigest()
     lock = "ros-demo==1 --hash=sha256:"
-    fetched = wheels.fetch(f"{lock}{digest}", tmp_path / "right", Recorder())
+    fetched = recipe.fetch(f"{lock}{digest}", tmp_path / "right", Recorder())
     assert [path.name for path in fetched] == [found.name]
     for wrong in (f"{lock}{'0' * 64}", "ros-demo==1"):
         with pytest.raises(CommandFailed, match="downloading the wheels of ROS 2") as failure:
-            wheels.fetch(wrong, tmp_path / "wrong", Recorder())
+            recipe.fetch(wrong, tmp_path / "wrong", Recorder())
         assert "hashes" in "\n".join(failure.value.details).lower()
 
 
@@ -196,7 +196,7 @@ def test_other_processors_are_told_that_there_are_no_wheels(
 def test_setup_twice_is_setup_once(tmp_path: Path, shell: str) -> None:
     """Sourced once or twice, with -eu, behind a workspace's paths: the same environment."""
     setup = tmp_path / "setup.sh"
-    text = {e.path: e.content for e in overlay.entries("jazzy")}["opt/ros/jazzy/setup.sh"]
+    text = {e.path: e.content for e in recipe.list_files("jazzy")}["opt/ros/jazzy/setup.sh"]
     setup.write_bytes(text)
     names = "AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH ROS_DISTRO ROS_VERSION"
     script = f"set -eu; . {setup}; . {setup}; for n in {names}; do eval echo \\$$n; done"
@@ -206,7 +206,7 @@ def test_setup_twice_is_setup_once(tmp_path: Path, shell: str) -> None:
         [
             "/opt/ros/jazzy",
             "/opt/ros/jazzy/lib:/mine",
-            f"/opt/ros/jazzy/{wheels.SITE}",
+            f"/opt/ros/jazzy/{recipe.SITE}",
             "jazzy",
             "2",
         ],
@@ -216,7 +216,7 @@ def test_setup_twice_is_setup_once(tmp_path: Path, shell: str) -> None:
 
 def test_the_layer_has_what_the_official_image_has() -> None:
     """The entry point and `ros2` are executable, whatever this checkout says."""
-    found = {entry.path: entry for entry in overlay.entries("kilted")}
+    found = {entry.path: entry for entry in recipe.list_files("kilted")}
     assert found["ros_entrypoint.sh"].mode == 0o755
     assert found["opt/ros/kilted/bin/ros2"].mode == 0o755
     assert b"/opt/ros/kilted/share/rigel_ros2" in found["opt/ros/kilted/bin/ros2"].content

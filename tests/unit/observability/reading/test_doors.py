@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any, cast
 
 from rigel_k8s.kube.forwarding import Forward
-from rigel_stack.doors import Door
+from rigel_stack.observing import Door
 
 SERVICE = {
     "metadata": {"name": "grafana", "namespace": "monitoring"},

@@ -2,13 +2,16 @@
 
 Two roscores behind one Service are worse than none, so the old one ends before the new one starts.
 It has no liveness probe: restarting a busy roscore would destroy the whole graph. For the same
-reason the readiness probe is patient: a pod that is not ready is left out of the Service.
+reason the readiness probe is patient: a pod that is not ready is left out of the Service. Pods of
+nodes restart with it where it forgets them: `bind`.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -17,12 +20,15 @@ from rigel_k8s.app.application import has_application
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.generation import Companion, Texts
 from rigel_k8s.app.generations.ros1.gate import behind_gate, gate_objects
+from rigel_k8s.app.generations.ros1.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, IMAGE_ANNOTATION, SINGLETON_ANNOTATION
+from rigel_k8s.objects.naming import ROS_ANNOTATION
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import (
     DEFAULT_CONTAINER,
+    GATE_CONTAINER,
     GATE_PORT,
     MASTER_CONTAINER,
     MASTER_NAME,
@@ -33,10 +39,13 @@ from rigel_k8s.objects.pods import (
     drop_empty,
     inpod_volume,
     probes,
+    stays,
     stop_hook,
+    tolerations,
 )
-from rigel_k8s.objects.tolerations import stays, tolerations
+from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
+from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Path
 
 #: The node that each roscore has.
@@ -49,6 +58,8 @@ IMAGE_OPTION = "this is roscore's image: set `ros_master_image`"
 #: such pods no node learns of a new publisher. So 10 threads, and 3 s for a connection.
 MASTER_OPTIONS = ["-w", "10", "-t", "3"]
 ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
+#: On the pods of ROS nodes: which roscore they register with.
+MASTER_ANNOTATION = "rigel-k8s/master"
 
 
 def deploys_master(options: OrchestrationOptions) -> bool:
@@ -170,3 +181,45 @@ def master_service(release: ReleaseContext, master: Mapping[str, Any]) -> Object
     if stays(master["spec"]["template"]["spec"]):
         made["spec"]["publishNotReadyAddresses"] = True
     return made
+
+
+def bind(made: Sequence[Manifest]) -> Sequence[Manifest]:
+    """Return the objects; the pods of nodes are marked with the roscore that they know.
+
+    A changed roscore restarts without any registrations, and no node registers again. So its nodes
+    must restart too, after it: a hash of its pod template is in theirs. A roscore behind a gate
+    gets its registrations back from the gate. Nodes restart if the global parameters change, too,
+    which they read.
+    """
+    notes: dict[str, str] = {}
+    masters = [item for item in made if is_master(item) and not is_gated(item)]
+    if masters:
+        text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
+        notes[MASTER_ANNOTATION] = hashlib.sha256(text.encode()).hexdigest()[:12]
+    for item in made:
+        meta = item.get("spec", {}).get("template", {}).get("metadata", {})
+        if mark := meta.get("annotations", {}).get(PARAMETERS_ANNOTATION):
+            notes[PARAMETERS_ANNOTATION] = mark
+    over = {"spec": {"template": {"metadata": {"annotations": notes}}}}
+    return tuple(merge(item, over) if notes and has_nodes(item) else item for item in made)
+
+
+def has_nodes(item: Manifest) -> bool:
+    """Return whether an object's pods have ROS nodes that keep one master for their whole life.
+
+    The exporter registers again automatically, and would forget that there was another roscore.
+    """
+    without_ros = item["metadata"].get("annotations", {}).get(ROS_ANNOTATION) == "none"
+    stays = is_master(item) or item["metadata"]["name"] == EXPORTER or without_ros
+    return bool(item["kind"] == "Deployment" and not stays)
+
+
+def is_master(item: Manifest) -> bool:
+    """Return whether an object is our roscore."""
+    return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
+
+
+def is_gated(master: Manifest) -> bool:
+    """Return whether a roscore is behind a gate."""
+    containers = master["spec"]["template"]["spec"]["containers"]
+    return any(one["name"] == GATE_CONTAINER for one in containers)

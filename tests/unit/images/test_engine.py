@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from rigel_build.buildx import find_engine
 from rigel_build.podman import Podman
-from rigel_build.tools import find_engine
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.system.process import finish
 
@@ -63,7 +63,7 @@ def test_a_docker_that_hangs_is_passed_over(
     def finish_soon(words: list[str], *, timeout: float, **more: Any) -> Any:
         return finish(words, timeout=0.3 if "inspect" in words else timeout, **more)
 
-    monkeypatch.setattr("rigel_build.tools.finish", finish_soon)
+    monkeypatch.setattr("rigel_k8s.system.process.finish", finish_soon)
     hangs = '[ "$2" = version ] && exit 0; exec /bin/sleep 30'
     environ = path_with(tmp_path, docker=hangs, podman="exit 0")
     assert find_engine("auto", environ, status).name == "podman"

@@ -1,9 +1,8 @@
-"""ROS 2's wheels to the tree that the official image has in /opt/ros/DISTRO.
+"""The recipe of the ROS 2 base image: Debian, the wheels, and the official image's paths.
 
 The wheels contain what a ROS installation contains, below `NAME.data/data`. So they are unpacked,
-not
-installed: pip's own place for them needs each program started twice, with an LD_LIBRARY_PATH of a
-dozen directories. What only compilers read is left out.
+not installed: pip's own place for them needs each program started twice, with an LD_LIBRARY_PATH of
+a dozen directories. What only compilers read is left out.
 """
 
 from __future__ import annotations
@@ -12,15 +11,30 @@ import io
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import attrs
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.oci import Entry, architecture, layer
+from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
+from rigel_lab.images.base.build import build as build_recipe
+from rigel_lab.images.base.layer import ENTRYPOINT, config
 from rigel_lab.images.base.wheels import fetch as fetch_wheels
-from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
+from rigel_lab.images.ros2base.packages import (
+    PACKAGES,
+    PLATFORM,
+    PYTHON,
+    REFERENCES,
+    SUITE,
+    Distro,
+    lock,
+)
+
+_SETUP = ("setup.bash", "setup.sh", "setup.zsh")
 
 #: Where Python looks below the prefix.
 SITE = f"lib/python{PYTHON}/site-packages"
@@ -30,6 +44,75 @@ _BUNDLED = re.compile(r"ros_\w+\.libs/(?P<name>.+)")
 _DATA = re.compile(r"[^/]+\.data/data/(?P<path>.+)")
 _LEFT_OUT = re.compile(r"(^|/)include/|(^|/)cmake/|\.a$|(^|/)_dummy\.[^/]+\.so$|^bin/nodesize_dbg$")
 _LIBRARY = re.compile(r"lib/lib[^/]+\.so[.0-9]*")
+
+
+def build(report: Reporter, *, distro: Distro = "jazzy", force: bool = False) -> BaseImage:
+    """Return the base image's archive; build it if the cache does not have it.
+
+    Args:
+        report: shows the progress.
+        distro: the ROS 2 distribution.
+        force: build again, to get Debian's latest security updates.
+
+    Raises:
+        RigelK8sError: mmdebstrap or pip is missing, or no wheels exist for this processor.
+        CommandFailed: mmdebstrap or pip failed.
+    """
+    if architecture() != "amd64":
+        raise RigelK8sError(
+            f"there are no wheels of ROS 2 for {architecture()}, only for {PLATFORM}",
+            hint="build the image on an amd64 machine, or use the official one if you can reach it",
+        )
+    return build_recipe(_recipe(distro), report, force=force)
+
+
+def _recipe(distro: Distro) -> Recipe:
+    def prepare(scratch: Path, report: Reporter) -> Sequence[str]:
+        fetched = fetch(lock(distro), scratch / "wheels", report)
+        ros = scratch / "ros.tar"
+        write_tree(fetched, prefix(distro), ros, mtime=EPOCH)
+        # Compiled, since pods start with a read-only or an empty cache.
+        compiled = "python3 -m compileall -q --invalidation-mode checked-hash"
+        return (
+            f"--customize-hook=tar-in {ros} /",
+            f'--customize-hook=chroot "$1" {compiled} /{prefix(distro)}/{SITE}',
+        )
+
+    return Recipe(
+        title="ROS 2 base image",
+        family="ros2-base",
+        name=distro,
+        reference=REFERENCES[distro],
+        suite=SUITE,
+        packages=PACKAGES,
+        config=config(distro),
+        overlay=layer(list_files(distro), mtime=EPOCH),
+        locked=lock(distro).encode(),
+        prepare=prepare,
+    )
+
+
+def prefix(distro: Distro) -> str:
+    """Return the place of ROS, relative to the root."""
+    return f"opt/ros/{distro}"
+
+
+def list_files(distro: Distro) -> tuple[Entry, ...]:
+    """Return the files that neither Debian nor the wheels have: a layer, sorted by path."""
+    own = files("rigel_lab.images.ros2base") / "files"
+    where = prefix(distro)
+
+    def script(name: str) -> bytes:
+        return (own / name).read_bytes().replace(b"@DISTRO@", distro.encode())
+
+    scripts = (Entry(f"{where}/{name}", script(name)) for name in _SETUP)
+    command = Entry(f"{where}/bin/ros2", script("ros2.sh"), mode=0o755)
+    parts = (
+        Entry(f"{where}/share/rigel_ros2/{part.name}", part.read_bytes())
+        for part in (own / "ros2").iterdir()
+        if part.name.endswith(".py")
+    )
+    return tuple(sorted((ENTRYPOINT, command, *scripts, *parts), key=lambda e: e.path))
 
 
 @attrs.frozen
@@ -48,7 +131,7 @@ def fetch(lock: str, directory: Path, report: Reporter) -> list[Path]:
     return fetch_wheels(lock, directory, report, what="ROS 2", python=PYTHON, platforms=(PLATFORM,))
 
 
-def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> None:
+def write_tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> None:
     """Write the wheels' content below `prefix` to an uncompressed tar.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What Debian's file layout is missing to look like the official ROS image: one small layer, pure.
+"""The recipe of the ROS 1 base image: Debian's packages and the official image's paths.
 
 Debian has ROS in /usr; the official image has it in /opt/ros/noetic. Links make both true, so that
 Dockerfiles, launch files and Rigelfiles with the official paths work.
@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from importlib.resources import files
 
+from rigel_k8s.report import Reporter
 from rigel_k8s.system import oci
-from rigel_k8s.system.oci import Entry
+from rigel_k8s.system.oci import Entry, architecture
+from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
+from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.base.layer import ENTRYPOINT, config
-from rigel_lab.images.ros1base.packages import UNDESCRIBED, Variant
+from rigel_lab.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, UNDESCRIBED, Variant
 
 PREFIX = "opt/ros/noetic"
 _HOOKS = "etc/catkin/profile.d"
@@ -44,15 +47,51 @@ _COMMANDS = (
 )
 
 
-def entries(variant: Variant) -> tuple[Entry, ...]:
-    """Return all files and links of the layer, sorted by path."""
-    described = _descriptions() if variant == "core" else ()
+def build(
+    report: Reporter,
+    *,
+    variant: Variant = "core",
+    arch: str | None = None,
+    force: bool = False,
+) -> BaseImage:
+    """Return the base image's archive; build it if the cache does not have it.
+
+    Args:
+        report: shows the progress.
+        variant: `core` runs ROS 1 nodes, `devel` also compiles C++ workspaces.
+        arch: the architecture of its programs (`arm64`); None: that of this machine.
+        force: build again, to get Debian's latest security updates.
+
+    Raises:
+        RigelK8sError: mmdebstrap is missing and cannot be installed here.
+        CommandFailed: mmdebstrap failed.
+    """
+    recipe = Recipe(
+        title="ROS 1 base image",
+        family="ros1-base",
+        name=variant,
+        reference=REFERENCES[variant],
+        suite=SUITE,
+        packages=PACKAGES[variant],
+        config=CONFIG,
+        overlay=layer(variant, mtime=EPOCH),
+        arch=arch or architecture(),
+    )
+    return build_recipe(recipe, report, force=force)
+
+
+def list_files(variant: Variant) -> tuple[Entry, ...]:
+    """Return the files and links that Debian does not have: a layer, sorted by path."""
+    described = (
+        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
+        for name, text in (UNDESCRIBED.items() if variant == "core" else ())
+    )
     return tuple(sorted((*_scripts(), *_links(), *described), key=lambda e: e.path))
 
 
 def layer(variant: Variant, *, mtime: int) -> bytes:
     """Return the layer as an uncompressed tar; the same input gives the same bytes."""
-    return oci.layer(entries(variant), mtime=mtime)
+    return oci.layer(list_files(variant), mtime=mtime)
 
 
 def _scripts() -> tuple[Entry, ...]:
@@ -79,13 +118,6 @@ def _links() -> tuple[Entry, ...]:
         Entry(f"{PREFIX}/lib", link="/usr/lib"),
         Entry(f"{PREFIX}/share", link="/usr/share"),
         *(Entry(f"{PREFIX}/bin/{name}", link=f"/usr/bin/{name}") for name in _COMMANDS),
-    )
-
-
-def _descriptions() -> tuple[Entry, ...]:
-    return tuple(
-        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
-        for name, text in UNDESCRIBED.items()
     )
 
 

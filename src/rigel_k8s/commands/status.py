@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 
+from rigel_k8s.commands import clocks
 from rigel_k8s.commands.targets import list_namespaces, release
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import connect
@@ -20,7 +21,6 @@ from rigel_k8s.release.listing import ReleaseSummary, list_releases
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.status import status as read_status
-from rigel_k8s.rosgraph import clocks
 from rigel_k8s.rosgraph.discovery.check import survey
 from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph
 from rigel_k8s.rosgraph.discovery.looks import SPAN

@@ -8,22 +8,16 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
-from rigel_k8s.objects.facts import has_ended, is_ending, is_ready
+from rigel_k8s.objects.facts import has_ended, is_ending, is_ready, runs
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.overlay import parse_json
 from rigel_k8s.objects.podnodes import split_all
-from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.objects.pods import MASTER_NAME, find_container
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.release.drift import describe_halt
 from rigel_k8s.ros import Ros
-from rigel_k8s.rosgraph.discovery.members import (
-    find_container,
-    has_layer,
-    name_memory,
-    ros_of_note,
-    runs,
-)
+from rigel_k8s.rosgraph.discovery.members import has_layer, name_memory, ros_of_note
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 

@@ -15,16 +15,16 @@ from typing import Any
 
 from rigel_exporter.ros1_traffic import Ledger
 from rigel_gate.calls import DESCRIBE_GATE
+from rigel_inpod.sent import PYTHONS
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
-from rigel_k8s.objects.facts import is_ending
+from rigel_k8s.objects.facts import is_ending, runs
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.discovery.inside import read_module, run_inside
-from rigel_k8s.rosgraph.discovery.members import runs
 from rigel_k8s.rosgraph.pods import GraphPod, read_pods
 from rigel_k8s.rosgraph.types import (
     GateStatus,
@@ -43,7 +43,6 @@ EXPORTER_NAME = "/ros_exporter"
 HIDDEN = "/_rigel"
 #: What the master and nodes report instead of an unknown type.
 NO_TYPE = ("", "*")
-PYTHONS = ("python3", "python", "python2")
 #: Seconds that the gate has to answer, the start of a Python included.
 LIMIT = 10.0
 ASK = f"""

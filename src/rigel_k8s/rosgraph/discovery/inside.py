@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from rigel_inpod.sent import LOADER, pack, read_module
+from rigel_inpod.sent import LOADER, choose_python, pack, read_module
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import explain_exec
@@ -35,15 +35,6 @@ MODULES = (
 )
 PACKAGES = ("rigel_inpod", "rigel_exporter")
 LIMIT = 45.0  # seconds that a program may take, with every deadline in it missed
-
-#: Tries the Pythons of images of different ages, as the probes do.
-SHELL = """
-for python in %s; do
-  command -v "$python" >/dev/null 2>&1 && exec "$python" -S -E -B -c "$0" "$@"
-done
-echo 'its image has no %s' >&2
-exit 127
-"""
 
 
 class Place(Protocol):
@@ -89,7 +80,7 @@ def run_inside(
     """
     command = [pythons[0], "-S", "-E", "-B", "-c", LOADER, *arguments]
     if len(pythons) > 1:
-        command = ["/bin/sh", "-c", SHELL % (" ".join(pythons), pythons[-1]), LOADER, *arguments]
+        command = choose_python(pythons, LOADER, *arguments)
     try:
         done = cluster.run(
             pod.namespace,

@@ -7,14 +7,14 @@ from typing import Any
 
 import attrs
 
-from rigel_inpod import MOUNT_PATH
 from rigel_k8s.network.modes import mode_named
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, read_status
-from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready
+from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready, runs
 from rigel_k8s.objects.marks import NAME_LABEL
 from rigel_k8s.objects.naming import denies_ros
 from rigel_k8s.objects.overlay import parse_json
 from rigel_k8s.objects.podnodes import shared_pod, split_all
+from rigel_k8s.objects.pods import SCRIPTS_PATH, find_container
 from rigel_k8s.ros import BY_NAME, ROS_1, Ros
 
 #: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
@@ -27,7 +27,7 @@ OWN_WAYS = (
 )
 #: The variable of a container whose ROS 2 processes have the layer: where they write their notes.
 NOTES = "RIGEL_RMW"
-PROBE = f"{MOUNT_PATH}/ready.sh"
+PROBE = f"{SCRIPTS_PATH}/ready.sh"
 
 
 @attrs.frozen
@@ -135,14 +135,6 @@ def ros_of_note(note: Mapping[str, Any]) -> Ros:
     return BY_NAME.get(str(note.get("ros")), ROS_1)
 
 
-def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """Return the container that has the in-pod scripts."""
-    for container in spec.get("containers") or []:
-        if any(m.get("mountPath") == MOUNT_PATH for m in container.get("volumeMounts") or []):
-            return container  # type: ignore[no-any-return]
-    return None
-
-
 def choose_address(
     note: Mapping[str, Any], annotations: Mapping[str, str], interface: str | None
 ) -> str | None:
@@ -168,8 +160,3 @@ def probe_words(container: Mapping[str, Any]) -> Sequence[str]:
 def has_layer(container: Mapping[str, Any]) -> bool:
     """Whether the ROS 2 processes of a container note what passes."""
     return any(one["name"] == NOTES for one in container.get("env") or [])
-
-
-def runs(status: Mapping[str, Any], container: str) -> bool:
-    states = status.get("containerStatuses") or []
-    return any(s["name"] == container and "running" in (s.get("state") or {}) for s in states)

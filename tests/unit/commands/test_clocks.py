@@ -14,14 +14,12 @@ from typing import Any, BinaryIO
 import pytest
 
 from rigel_inpod.sent import read_module
-from rigel_k8s.commands import doctor
+from rigel_k8s.commands import clocks, doctor
 from rigel_k8s.commands import status as reading
+from rigel_k8s.commands.clocks import TURNS, Clock, judge, judge_own, list_places
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.problems import Problem
-from rigel_k8s.rosgraph import clocks
-from rigel_k8s.rosgraph.clocks import TURNS, Clock, judge, judge_own
-from rigel_k8s.rosgraph.pods import read_pods
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, workload
@@ -220,7 +218,7 @@ def test_the_quickest_answer_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the time that it took is the uncertainty."""
     cluster: Any = Slow()
     monkeypatch.setattr(clocks, "time", cluster)
-    dial = clocks.Dial(cluster, read_pods([pod("a")]))
+    dial = clocks.Dial(cluster, list_places([pod("a")]))
     dial.thread.join(60)
     assert dial.clock is not None
     assert dial.clock.ahead == pytest.approx(0.301)

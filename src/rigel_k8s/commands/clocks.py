@@ -21,14 +21,13 @@ from typing import Any
 
 import attrs
 
-from rigel_inpod.sent import read_module
+from rigel_inpod.sent import PYTHONS, choose_python, read_module
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.facts import is_out_of_reach
+from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready, runs
+from rigel_k8s.objects.podnodes import split_all
+from rigel_k8s.objects.pods import find_container
 from rigel_k8s.problems import Problem
-from rigel_k8s.rosgraph.discovery.inside import SHELL
-from rigel_k8s.rosgraph.pods import GraphPod, read_pods
-from rigel_k8s.rosgraph.ros1 import PYTHONS
 
 TOLERANCE = 0.01  # seconds that clocks may differ by
 TURNS = 8  # answers of a machine, of which the quickest counts
@@ -110,6 +109,17 @@ def make_problem(text: str, remedy: str, *machines: str) -> Problem:
     return Problem((), message, "clocks-differ", "warning", remedy=remedy, subjects=machines)
 
 
+@attrs.frozen
+class Place:
+    """A container in which a program can be run."""
+
+    namespace: str
+    pod: str
+    container: str
+    machine: str
+    ready: bool
+
+
 class Turns:
     """The standard output of clock.py in a pod: sends a question at each answer.
 
@@ -154,19 +164,19 @@ class Dial:
         clock: the best answer until now; None before the first.
     """
 
-    def __init__(self, cluster: Cluster, pods: Sequence[GraphPod]) -> None:
+    def __init__(self, cluster: Cluster, places: Sequence[Place]) -> None:
         self.clock: Clock | None = None
-        self.thread = threading.Thread(target=self._read, args=(cluster, pods), daemon=True)
+        self.thread = threading.Thread(target=self._read, args=(cluster, places), daemon=True)
         self.thread.start()
 
     def _keep(self, clock: Clock) -> None:
         if self.clock is None or clock.doubt < self.clock.doubt:
             self.clock = clock
 
-    def _read(self, cluster: Cluster, pods: Sequence[GraphPod]) -> None:
+    def _read(self, cluster: Cluster, places: Sequence[Place]) -> None:
         program = read_module("rigel_inpod.sent.clock")
-        shell = SHELL % (" ".join(PYTHONS), PYTHONS[-1])
-        for pod in pods:
+        command = choose_python(PYTHONS, program, str(TURNS))
+        for place in places:
             reader, writer = os.pipe()
             with (
                 suppress(RigelK8sError, ValueError),  # what is not a number is not an answer
@@ -174,10 +184,10 @@ class Dial:
                 FileIO(writer, "w") as questions,
             ):
                 cluster.exec(
-                    pod.namespace,
-                    pod.name,
-                    ["/bin/sh", "-c", shell, program, str(TURNS)],
-                    container=pod.container,
+                    place.namespace,
+                    place.pod,
+                    command,
+                    container=place.container,
                     stdin=stdin,
                     stdout=Turns(questions, self._keep),  # type: ignore[arg-type]
                     stderr=BytesIO(),
@@ -200,17 +210,26 @@ def begin(cluster: Cluster, items: Iterable[Mapping[str, Any]]) -> Reading:
     Args:
         items: the pods of a release, as the API server returns them.
     """
-    machines = defaultdict[str, list[GraphPod]](list)
-    for pod in read_pods(item for item in items if not is_out_of_reach(dict(item))):
-        if pod.running:
-            machines[pod.machine].append(pod)
+    machines = defaultdict[str, list[Place]](list)
+    for place in list_places(items):
+        machines[place.machine].append(place)
     if len(machines) < 2:
         machines.clear()
-    dials = {
-        name: Dial(cluster, sorted(pods, key=lambda pod: not pod.ready))
-        for name, pods in machines.items()
-    }
+    dials = {name: Dial(cluster, places) for name, places in machines.items()}
     return Reading(time.monotonic(), dials)
+
+
+def list_places(items: Iterable[Mapping[str, Any]]) -> list[Place]:
+    """Return where a program can be run, a container of each pod: first those that are ready."""
+    found = []
+    for item in split_all(item for item in items if not is_out_of_reach(dict(item))):
+        meta, spec = item["metadata"], item["spec"]
+        container = str((find_container(spec) or spec["containers"][0])["name"])
+        ended = is_ending(item) or has_ended(item)
+        if not ended and runs(item.get("status") or {}, container):
+            machine = str(spec.get("nodeName") or "")
+            found.append(Place(meta["namespace"], meta["name"], container, machine, is_ready(item)))
+    return sorted(found, key=lambda one: (not one.ready, one.pod, one.container))
 
 
 def finish(reading: Reading, limit: float = LIMIT) -> dict[str, Clock]:

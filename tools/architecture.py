@@ -33,6 +33,7 @@ WORDS = {
     "rosgraph": "live graph, pictures",
     "observability": "exporter, readers of logs and metrics",
     "network": "modes: how pods find each other",
+    "rigel_graph": "the live graph",
     "rigel_import": "launch and Compose files",
     "rigel_build": "images of applications",
     "rigel_stack": "logs, metrics, dashboards",

@@ -16,8 +16,9 @@ from rigel_k8s.installed import find, list_names
 if TYPE_CHECKING:
     from rigel_k8s.app.options import OrchestrationOptions
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.part import Inspection, Part
+    from rigel_k8s.release.part import Hooks, Inspection, Part
     from rigel_k8s.report import Reporter
+    from rigel_k8s.settings import Application, Settings
 
 
 @attrs.frozen
@@ -27,12 +28,15 @@ class DeployRequest:
     Attributes:
         raw: the options that are set, as plain data.
         cluster: None for `render`: as far as the Rigelfile describes it.
+        settings: those of this run, such as `now`.
     """
 
     options: OrchestrationOptions
     raw: Mapping[str, Any]
     cluster: Cluster | None
     report: Reporter
+    application: Application
+    settings: Settings
 
 
 class Guest:
@@ -56,6 +60,10 @@ class Guest:
             objects: the application's manifests.
             mended: a part of rank "network" is written before; leave out what it mends.
         """
+        return None
+
+    def hooks(self, request: DeployRequest) -> Hooks | None:
+        """Return what to call at the same moments as the application's own hooks."""
         return None
 
     def kinds(self) -> Iterable[tuple[str, str, str]]:

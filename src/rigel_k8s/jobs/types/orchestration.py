@@ -91,7 +91,9 @@ class OrchestrationJob:
 
         guests = load_guests()
         if options.observability_only:
-            alone = DeployRequest(options, flat(job.raw), cluster, job.report)
+            alone = DeployRequest(
+                options, flat(job.raw), cluster, job.report, job.application, job.settings
+            )
             return [part for guest in guests for part in guest.parts(alone)]
         request = Request(
             options=options,
@@ -106,12 +108,16 @@ class OrchestrationJob:
                 prepared = prepare(request, asked)
         else:
             prepared = prepare(request, cluster)
+        whole = DeployRequest(
+            prepared.options, prepared.raw, cluster, job.report, job.application, job.settings
+        )
         hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,
             settings=job.settings,
             applied=job.applied,
             guests=guests,
+            beside=[made for guest in guests if (made := guest.hooks(whole))],
         )
         application = Part(
             desired=attrs.evolve(prepared.desired, source=str(job.application.dir.resolve())),
@@ -119,8 +125,7 @@ class OrchestrationJob:
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
-        beside = DeployRequest(prepared.options, prepared.raw, cluster, job.report)
-        return [application, *(part for guest in guests for part in guest.parts(beside))]
+        return [application, *(part for guest in guests for part in guest.parts(whole))]
 
     def run(self, options: OrchestrationOptions, job: JobContext) -> None:
         """Deploy, and copy the results.

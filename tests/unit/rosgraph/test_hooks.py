@@ -1,4 +1,4 @@
-"""An application as a part of a job: how long its graph may stay worse."""
+"""Around a deploy: how long the graph may stay worse."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, cast
 import attrs
 import pytest
 
-from rigel_k8s.app.deploying.part import ApplicationHooks
+from rigel_graph.hooks import GraphHooks
 from rigel_k8s.app.expectations import Expectation
 from rigel_k8s.app.options import RollbackOn
 from rigel_k8s.objects.scalars import Duration, Range
@@ -32,6 +32,6 @@ def test_the_graph_may_stay_worse_as_long_as_is_said(
 ) -> None:
     """If nothing requests a rollback, forever; the documentation of `within` has the default."""
     options = SimpleNamespace(rollback_on=asked, expect={"/scan": expected} if expected else {})
-    part: Any = SimpleNamespace(prepared=SimpleNamespace(options=options))
-    assert cast(Any, ApplicationHooks.limit).fget(part) == limit
+    hooks = GraphHooks(options=cast(Any, options), ros=cast(Any, None), now=False)
+    assert hooks.limit == limit
     assert "(default 60s)" in attrs.fields(RollbackOn).within.metadata["doc"]

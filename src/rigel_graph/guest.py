@@ -1,13 +1,20 @@
-"""What the ROS graph adds to a deploy: it is looked at before and after."""
+"""What the ROS graph adds to an application: to its deploy, status and tests."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rigel_k8s.app.deploying.guests import DeployRequest, Guest
+from rigel_k8s.app.deploying.guests import DeployRequest, Guest, State, StatusAddition
 
 if TYPE_CHECKING:
+    from threading import Event
+
+    from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.release.part import Hooks
+    from rigel_k8s.release.status import ReleaseStatus
+    from rigel_k8s.release.types import ReleaseId
+    from rigel_k8s.report import Reporter
 
 
 class GraphGuest(Guest):
@@ -20,6 +27,21 @@ class GraphGuest(Guest):
 
         ros = generation_of(request.application.distro, request.options.ros)
         return GraphHooks(options=request.options, ros=ros, now=request.settings.now)
+
+    def status(self, cluster: Cluster, release: ReleaseStatus) -> StatusAddition:
+        """Return what is seen from inside its pods."""
+        from rigel_graph.status import look
+
+        return look(cluster, release)
+
+    def test(
+        self, cluster: Cluster, release: ReleaseId, report: Reporter, cancel: Event, wait: float
+    ) -> Sequence[tuple[str, State, str]]:
+        """Return whether topics are as `expect` has them."""
+        from rigel_k8s.commands.expect import test
+        from rigel_k8s.commands.targets import Release
+
+        return test(Release(cluster, release), report, cancel, wait)
 
 
 GUEST = GraphGuest()

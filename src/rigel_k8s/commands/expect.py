@@ -10,19 +10,23 @@ from typing import Any
 
 import attrs
 
-from rigel_exporter.expecting import Expected
+from rigel_exporter.expecting import BROKEN, OK, UNKNOWN, Expected
+from rigel_k8s.app.deploying.guests import State
 from rigel_k8s.app.expectations import describe_all
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.commands.targets import Release, release
-from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.errors import ClusterError, Interrupted, UserError
 from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.report import Reporter
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.rosgraph.expectations import LONGEST, Verdict, choose_span, compare_with
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.rosgraph.types import SPAN, RosGraph
 from rigel_k8s.settings import Settings
 
+#: How a test of what is expected ends.
+STATES: dict[str, State] = {OK: "passed", BROKEN: "failed", UNKNOWN: "unknown"}
 #: How much more than was measured is allowed.
 LOWER, HIGHER, LONGER = 0.8, 1.2, 3.0
 #: How often at least it is looked while it is learned; a long look is an exact one.
@@ -82,6 +86,27 @@ def compare(
         seen = Examined(found.id, compare_with(expected, graph))
         if seen.ok or time.monotonic() >= end or (cancel and cancel.is_set()):
             return seen
+
+
+def test(
+    found: Release, report: Reporter, cancel: threading.Event, wait: float
+) -> list[tuple[str, State, str]]:
+    """Return what is expected as tests: name, how it ended, why. Raises as read_expected."""
+    expected = read_expected(found)
+    if not expected:
+        return []
+    report.line(f"{found.id.name}: comparing its topics with `expect`")
+    verdicts = compare(found, expected, wait, cancel).verdicts
+    if cancel.is_set():
+        raise Interrupted("interrupted while topics were compared with `expect`")
+    return [
+        (
+            f"{one.topic}: {one.finding.what}",
+            STATES[one.finding.state],
+            one.line if one.broken else "",
+        )
+        for one in verdicts
+    ]
 
 
 def read_expected(found: Release) -> Mapping[str, Expected]:

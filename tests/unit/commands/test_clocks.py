@@ -133,7 +133,8 @@ def see() -> tuple[list[str], list[str]]:
     found = reading.status(Settings(), None)
     assert found.ok
     needs = [need for need in doctor.examine(Settings()) if need.what == "clocks"]
-    return words(found.clocks or ()), [need.state for need in needs]
+    (addition,) = found.additions
+    return [one["message"] for one in addition.json["clocks"]], [need.state for need in needs]
 
 
 def test_status_and_doctor_report_clocks_that_differ(cluster: Pods) -> None:
@@ -160,7 +161,7 @@ def test_nothing_is_run_for_a_release_on_one_machine(cluster: Pods) -> None:
 
 
 def test_no_graph_reads_no_clock(cluster: Pods) -> None:
-    assert reading.status(Settings(), None, graph=False).clocks is None
+    assert reading.status(Settings(), None, graph=False).additions == ()
     assert cluster.asked == []
 
 

@@ -77,8 +77,8 @@ def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
 def test_one_workload_is_enough() -> None:
     good = WorkloadStatus("Deployment", "a", 1, 1, True, "", ())
     bad = WorkloadStatus("Deployment", "b", 0, 1, False, "", ())
-    assert Status(ReleaseStatus(RELEASE, 1, "good", (good, good)), None).ok
-    assert not Status(ReleaseStatus(RELEASE, 1, "good", (good, bad)), None).ok
+    assert Status(ReleaseStatus(RELEASE, 1, "good", (good, good))).ok
+    assert not Status(ReleaseStatus(RELEASE, 1, "good", (good, bad))).ok
 
 
 def test_status_of_nothing_is_told(fake: Any) -> None:

@@ -44,10 +44,7 @@ class ApplicationHooks(Hooks):
         mended = any(one.part.rank == "network" and one.writes for one in earlier)
         options, objects = self.prepared.options, self.prepared.desired.objects
         looks = (one.inspect(objects, options, cluster, mended=mended) for one in self.guests)
-        seen = [
-            *filter(None, looks),
-            *(one.inspect(cluster, earlier) for one in self.beside),
-        ]
+        seen = list(filter(None, looks))
         return Inspection(
             [error for one in seen for error in one.errors],
             [warning for one in seen for warning in one.warnings],
@@ -56,8 +53,6 @@ class ApplicationHooks(Hooks):
     def before_write(self, run: Run, seen: Look) -> None:
         """Write the Secret with which its images are pulled."""
         write_pull_secret(run.desired, self.prepared.credentials, run.cluster)
-        for one in self.beside:
-            one.before_write(run, seen)
 
     def before_pods(self, run: Run, plan: Plan) -> None:
         """Let guests look at the robot as it was."""

@@ -7,13 +7,12 @@ import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, TypeAlias
 from xml.etree import ElementTree
 
 import attrs
 
-#: Unknown is what could not be measured, which breaks nothing.
-State: TypeAlias = Literal["passed", "failed", "unknown"]
+from rigel_k8s.app.deploying.guests import State
+
 #: In the folder of a run.
 RESULTS, LOGS, BAGS = "rigel.xml", "logs", "bags"
 #: The name of the result of a run that failed before its tests had ended.

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.status import judge_topics
+from rigel_graph.status import judge_topics
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.release import revisions

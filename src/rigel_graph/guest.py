@@ -8,13 +8,9 @@ from typing import TYPE_CHECKING
 from rigel_k8s.app.deploying.guests import DeployRequest, Guest, State, StatusAddition
 
 if TYPE_CHECKING:
-    from threading import Event
-
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.part import Hooks
+    from rigel_k8s.release.part import Hooks, Run
     from rigel_k8s.release.status import ReleaseStatus
-    from rigel_k8s.release.types import ReleaseId
-    from rigel_k8s.report import Reporter
 
 
 class GraphGuest(Guest):
@@ -34,14 +30,11 @@ class GraphGuest(Guest):
 
         return look(cluster, release)
 
-    def test(
-        self, cluster: Cluster, release: ReleaseId, report: Reporter, cancel: Event, wait: float
-    ) -> Sequence[tuple[str, State, str]]:
+    def test(self, run: Run, wait: float) -> Sequence[tuple[str, State, str]]:
         """Return whether topics are as `expect` has them."""
-        from rigel_k8s.commands.expect import test
-        from rigel_k8s.commands.targets import Release
+        from rigel_graph.commands.expect import test
 
-        return test(Release(cluster, release), report, cancel, wait)
+        return test(run, wait)
 
 
 GUEST = GraphGuest()

@@ -15,7 +15,7 @@ from rigel_k8s.release.part import Hooks, Look, Run, WayBack
 from rigel_k8s.release.types import Plan, Revision
 
 if TYPE_CHECKING:
-    from rigel_k8s.rosgraph.watching import GraphWatch
+    from rigel_graph.watching import GraphWatch
 
 #: Seconds that a graph may stay worse before it is rolled back.
 WITHIN = 60.0
@@ -62,11 +62,11 @@ class GraphHooks(Hooks):
             ClusterError: it is not idle within its time.
             Interrupted: the user asked to stop.
         """
-        from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, changes_pods
+        from rigel_graph.watching import PATIENCE, GraphWatch, changes_pods
 
         report, cancel, update = run.report, run.options.cancel, self.options.update
         if update and not self.now and any(map(changes_pods, plan.changes)):
-            from rigel_k8s.rosgraph.idle import wait_until_idle
+            from rigel_graph.idle import wait_until_idle
 
             seconds = update.within.seconds if update.within else IDLE
             silent = {ros_name(topic): one.seconds for topic, one in update.silent.items()}
@@ -94,7 +94,7 @@ class GraphHooks(Hooks):
 
     def way_back(self, run: Run, failure: RigelK8sError) -> WayBack | None:
         """Return the revision that was good before the graph became worse."""
-        from rigel_k8s.rosgraph.watching import GraphWorse
+        from rigel_graph.watching import GraphWorse
 
         if isinstance(failure, GraphWorse) and self.graph is not None:
             return WayBack(self.graph.last_good, LOOK)
@@ -112,7 +112,7 @@ class GraphHooks(Hooks):
             DiscoveryError: they do not.
         """
         if self.ros.dds:
-            from rigel_k8s.rosgraph.discovery.check import check
+            from rigel_graph.discovery.check import check
 
             notes = self.graph.notes if self.graph is not None else {}
             check(run.release, run.cluster, run.report, run.options.cancel, notes)

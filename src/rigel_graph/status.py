@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 import attrs
 
+from rigel_graph.discovery.check import survey
+from rigel_graph.discovery.findings import DiscoveryGraph, PodGraph
+from rigel_graph.discovery.looks import SPAN
+from rigel_graph.expectations import Verdict, compare_own, compare_with
+from rigel_graph.pods import read_pods
+from rigel_graph.ros1 import read_gate
+from rigel_graph.types import GateStatus
 from rigel_k8s.app.deploying.guests import StatusAddition
 from rigel_k8s.commands.clocks import begin, finish, judge
 from rigel_k8s.errors import RigelK8sError
@@ -16,14 +23,6 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.status import ReleaseStatus
-from rigel_k8s.rosgraph.discovery.check import survey
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.rosgraph.discovery.looks import SPAN
-from rigel_k8s.rosgraph.ros1 import read_gate
-from rigel_k8s.rosgraph.types import GateStatus
-
-if TYPE_CHECKING:
-    from rigel_k8s.rosgraph.expectations import Verdict
 
 #: The columns of a DDS graph.
 HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
@@ -52,18 +51,17 @@ def judge_topics(
         options = state.last_good.revision().options if state.last_good else {}
         if not options.get("expect") or (seen and not seen.notes):
             return None
-        from rigel_k8s.commands.expect import parse_expected
-        from rigel_k8s.rosgraph import expectations, reading, ros2
-        from rigel_k8s.rosgraph import pods as graph_pods
+        from rigel_graph import reading, ros2
+        from rigel_graph.commands.expect import parse_expected
 
         expected = parse_expected(options)
         if seen is None:
             graph = reading.read_graph(cluster, state.release, span=SPAN)
-            return expectations.compare_with(expected, graph)
-        known = {pod.key: pod for pod in graph_pods.read_pods(pods)}
+            return compare_with(expected, graph)
+        known = {pod.key: pod for pod in read_pods(pods)}
         notes = {key: answer for key, answer in seen.notes.items() if key in known}
         graph = attrs.evolve(ros2.parse(notes, known), span=SPAN)
-        return expectations.compare_own(expected, graph)
+        return compare_own(expected, graph)
     except RigelK8sError:  # `rigel expect` reports why
         return None
 
@@ -75,14 +73,7 @@ def describe(
     clocks: Sequence[Problem] = (),
     expect: Sequence[Verdict] | None = None,
 ) -> StatusAddition:
-    """Return what `rigel status` shows.
-
-    Args:
-        graph: which nodes discover each other; None without DDS.
-        gate: the state of roscore's gate; None without one.
-        clocks: machines whose clocks differ.
-        expect: how topics are, as far as seconds show; None without `expect`.
-    """
+    """Return what `rigel status` shows: of clocks, those that differ."""
     return StatusAddition(
         heads=() if graph is None else HEADS,
         cells={} if graph is None else {pod.pod: list_cells(pod) for pod in graph.pods},
@@ -94,7 +85,7 @@ def describe(
         ),
         notes=() if graph is None else tuple(memory_lines(graph)),
         json={
-            "graph": graph_json(graph),
+            "graph": None if graph is None else graph_json(graph),
             "gate": None if gate is None else attrs.asdict(gate),
             "clocks": [problem.to_json() for problem in clocks],
             "expect": None if expect is None else [verdict.to_json() for verdict in expect],
@@ -163,10 +154,8 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
         yield f"{name} has not answered since roscore restarted; it is registered once it does"
 
 
-def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
+def graph_json(graph: DiscoveryGraph) -> dict[str, Any]:
     """Return a graph for scripts (docs/discovery.md)."""
-    if graph is None:
-        return None
     return {
         "ok": not graph.problems,
         "deaf": [{"from": one, "to": other} for one, other in graph.deaf],

@@ -22,9 +22,10 @@ from typing import Any
 import attrs
 
 from rigel_inpod.sent import PYTHONS, choose_python, read_module
+from rigel_k8s.commands.pods import Pod, pod_of
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, is_ready, runs
+from rigel_k8s.objects.facts import has_ended, is_ending, is_out_of_reach, runs
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import find_container
 from rigel_k8s.problems import Problem
@@ -109,17 +110,6 @@ def make_problem(text: str, remedy: str, *machines: str) -> Problem:
     return Problem((), message, "clocks-differ", "warning", remedy=remedy, subjects=machines)
 
 
-@attrs.frozen
-class Place:
-    """A container in which a program can be run."""
-
-    namespace: str
-    pod: str
-    container: str
-    machine: str
-    ready: bool
-
-
 class Turns:
     """The standard output of clock.py in a pod: sends a question at each answer.
 
@@ -164,19 +154,19 @@ class Dial:
         clock: the best answer until now; None before the first.
     """
 
-    def __init__(self, cluster: Cluster, places: Sequence[Place]) -> None:
+    def __init__(self, cluster: Cluster, pods: Sequence[Pod]) -> None:
         self.clock: Clock | None = None
-        self.thread = threading.Thread(target=self._read, args=(cluster, places), daemon=True)
+        self.thread = threading.Thread(target=self._read, args=(cluster, pods), daemon=True)
         self.thread.start()
 
     def _keep(self, clock: Clock) -> None:
         if self.clock is None or clock.doubt < self.clock.doubt:
             self.clock = clock
 
-    def _read(self, cluster: Cluster, places: Sequence[Place]) -> None:
+    def _read(self, cluster: Cluster, pods: Sequence[Pod]) -> None:
         program = read_module("rigel_inpod.sent.clock")
         command = choose_python(PYTHONS, program, str(TURNS))
-        for place in places:
+        for pod in pods:
             reader, writer = os.pipe()
             with (
                 suppress(RigelK8sError, ValueError),  # what is not a number is not an answer
@@ -184,10 +174,10 @@ class Dial:
                 FileIO(writer, "w") as questions,
             ):
                 cluster.exec(
-                    place.namespace,
-                    place.pod,
+                    pod.namespace,
+                    pod.name,
                     command,
-                    container=place.container,
+                    container=pod.container,
                     stdin=stdin,
                     stdout=Turns(questions, self._keep),  # type: ignore[arg-type]
                     stderr=BytesIO(),
@@ -210,26 +200,24 @@ def begin(cluster: Cluster, items: Iterable[Mapping[str, Any]]) -> Reading:
     Args:
         items: the pods of a release, as the API server returns them.
     """
-    machines = defaultdict[str, list[Place]](list)
-    for place in list_places(items):
-        machines[place.machine].append(place)
+    machines = defaultdict[str, list[Pod]](list)
+    for pod in list_running(items):
+        machines[pod.machine].append(pod)
     if len(machines) < 2:
         machines.clear()
-    dials = {name: Dial(cluster, places) for name, places in machines.items()}
+    dials = {name: Dial(cluster, pods) for name, pods in machines.items()}
     return Reading(time.monotonic(), dials)
 
 
-def list_places(items: Iterable[Mapping[str, Any]]) -> list[Place]:
-    """Return where a program can be run, a container of each pod: first those that are ready."""
+def list_running(items: Iterable[Mapping[str, Any]]) -> list[Pod]:
+    """Return pods in which a program can be run, with the container for it; ready ones first."""
     found = []
     for item in split_all(item for item in items if not is_out_of_reach(dict(item))):
-        meta, spec = item["metadata"], item["spec"]
-        container = str((find_container(spec) or spec["containers"][0])["name"])
+        own = find_container(item["spec"]) or item["spec"]["containers"][0]
         ended = is_ending(item) or has_ended(item)
-        if not ended and runs(item.get("status") or {}, container):
-            machine = str(spec.get("nodeName") or "")
-            found.append(Place(meta["namespace"], meta["name"], container, machine, is_ready(item)))
-    return sorted(found, key=lambda one: (not one.ready, one.pod, one.container))
+        if not ended and runs(item.get("status") or {}, own["name"]):
+            found.append(attrs.evolve(pod_of(item), container=own["name"]))
+    return sorted(found, key=lambda pod: (not pod.ready, pod.key))
 
 
 def finish(reading: Reading, limit: float = LIMIT) -> dict[str, Clock]:

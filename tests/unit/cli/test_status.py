@@ -10,7 +10,10 @@ import click
 import pytest
 
 from rigel_exporter.expecting import BROKEN, OK, Finding
+from rigel_graph.discovery.findings import DiscoveryGraph, PodGraph
+from rigel_graph.expectations import Verdict
 from rigel_graph.status import describe
+from rigel_graph.types import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.cli import tables
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
@@ -25,9 +28,6 @@ from rigel_k8s.release.status import (
     WorkloadStatus,
 )
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.rosgraph.expectations import Verdict
-from rigel_k8s.rosgraph.types import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32

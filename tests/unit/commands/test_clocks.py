@@ -16,7 +16,7 @@ import pytest
 from rigel_inpod.sent import read_module
 from rigel_k8s.commands import clocks, doctor
 from rigel_k8s.commands import status as reading
-from rigel_k8s.commands.clocks import TURNS, Clock, judge, judge_own, list_places
+from rigel_k8s.commands.clocks import TURNS, Clock, judge, judge_own, list_running
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.problems import Problem
@@ -219,7 +219,7 @@ def test_the_quickest_answer_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the time that it took is the uncertainty."""
     cluster: Any = Slow()
     monkeypatch.setattr(clocks, "time", cluster)
-    dial = clocks.Dial(cluster, list_places([pod("a")]))
+    dial = clocks.Dial(cluster, list_running([pod("a")]))
     dial.thread.join(60)
     assert dial.clock is not None
     assert dial.clock.ahead == pytest.approx(0.301)

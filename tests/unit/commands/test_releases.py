@@ -10,20 +10,20 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.commands.live import Live
+from rigel_graph.types import RosGraph
 from rigel_k8s.commands import pods, releases, top
 from rigel_k8s.commands import status as reading
 from rigel_k8s.commands.dev import session
 from rigel_k8s.commands.join.pod import find_deployment
 from rigel_k8s.commands.logs import reading as logs
 from rigel_k8s.commands.logs.lines import LogOptions
-from rigel_k8s.commands.ros.live import Live
 from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release import apply
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
 from rigel_k8s.release.types import Desired
-from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster

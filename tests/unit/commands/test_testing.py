@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 import pytest
 
 from rigel_exporter.expecting import Expected, Finding
-from rigel_k8s.commands import expect
-from rigel_k8s.commands.expect import Examined
+from rigel_graph.commands import expect
+from rigel_graph.commands.expect import Examined
+from rigel_graph.expectations import Verdict
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.commands.testing.release import ReleaseTests
 from rigel_k8s.commands.testing.results import Result, remove_results, write_results
@@ -21,7 +22,6 @@ from rigel_k8s.commands.testing.run import Trial, place_for
 from rigel_k8s.errors import Interrupted, UserError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.expectations import Verdict
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder

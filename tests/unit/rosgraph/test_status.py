@@ -8,17 +8,17 @@ from typing import Any
 
 import pytest
 
+from rigel_graph import reading
+from rigel_graph.discovery.findings import DiscoveryGraph, graph
+from rigel_graph.discovery.looks import look
+from rigel_graph.discovery.members import members
 from rigel_graph.status import judge_topics
+from rigel_graph.types import GraphTopic, RosGraph
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.release import revisions
 from rigel_k8s.release.status import ReleaseStatus
 from rigel_k8s.release.types import ReleaseId, Revision
-from rigel_k8s.rosgraph import reading
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.rosgraph.discovery.looks import look
-from rigel_k8s.rosgraph.discovery.members import members
-from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
 from tests.support.members import pod
 from tests.support.notes import NOW, SECOND, answer, process, publisher
 

@@ -14,13 +14,10 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.installed import find, list_names
 
 if TYPE_CHECKING:
-    from threading import Event
-
     from rigel_k8s.app.options import OrchestrationOptions
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.part import Hooks, Inspection, Part
+    from rigel_k8s.release.part import Hooks, Inspection, Part, Run
     from rigel_k8s.release.status import ReleaseStatus
-    from rigel_k8s.release.types import ReleaseId
     from rigel_k8s.report import Reporter
     from rigel_k8s.settings import Application, Settings
 
@@ -102,13 +99,11 @@ class Guest:
         """Return what it sees of a running release; it may run programs in pods."""
         return None
 
-    def test(
-        self, cluster: Cluster, release: ReleaseId, report: Reporter, cancel: Event, wait: float
-    ) -> Iterable[tuple[str, State, str]]:
+    def test(self, run: Run, wait: float) -> Iterable[tuple[str, State, str]]:
         """Return (name, how it ended, why) of what `rigel test` tests of a running release.
 
         Args:
-            wait: seconds that it may take to become right; until `cancel`.
+            wait: seconds that it may take to pass.
         """
         return ()
 

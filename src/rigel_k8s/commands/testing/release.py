@@ -21,8 +21,10 @@ from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NODE_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import containers, explain_exit, explain_pod
 from rigel_k8s.release.rollout.patience import Ledger, Patience
+from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 
 #: Seconds between two looks at a test that runs.
@@ -58,10 +60,11 @@ class ReleaseTests:
 
     def ask_guests(self, wait: float) -> Iterator[Result]:
         """Yield how the tests of guests ended; they may take `wait` seconds to pass."""
-        cluster, release = self.found.cluster, self.found.id
+        options = DeployOptions(report=self.report, cancel=self.cancel)
+        run = Run.of_objects(self.found.cluster, self.found.id, options)
         for guest in load_guests():
-            for name, state, why in guest.test(cluster, release, self.report, self.cancel, wait):
-                yield Result(release.name, name, state, message=why)
+            for name, state, why in guest.test(run, wait):
+                yield Result(self.found.id.name, name, state, message=why)
 
     def list_tests(self) -> list[Manifest]:
         """Return the Jobs of its tests, by name."""

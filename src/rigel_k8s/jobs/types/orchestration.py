@@ -90,11 +90,11 @@ class OrchestrationJob:
         from rigel_k8s.release.part import Part
 
         guests = load_guests()
+        asked = DeployRequest(
+            options, flat(job.raw), cluster, job.report, job.application, job.settings
+        )
         if options.observability_only:
-            alone = DeployRequest(
-                options, flat(job.raw), cluster, job.report, job.application, job.settings
-            )
-            return [part for guest in guests for part in guest.parts(alone)]
+            return [part for guest in guests for part in guest.parts(asked)]
         request = Request(
             options=options,
             raw=job.raw,
@@ -104,13 +104,11 @@ class OrchestrationJob:
             providers=None if job.dry else job.providers,
         )
         if cluster is None and is_partial(job.raw):
-            with connect(job.settings) as asked:
-                prepared = prepare(request, asked)
+            with connect(job.settings) as connected:
+                prepared = prepare(request, connected)
         else:
             prepared = prepare(request, cluster)
-        whole = DeployRequest(
-            prepared.options, prepared.raw, cluster, job.report, job.application, job.settings
-        )
+        whole = attrs.evolve(asked, options=prepared.options, raw=prepared.raw)
         hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,

@@ -90,10 +90,10 @@ def follow_deploy() -> list[tuple[str, str]]:
 
 def prepare_cluster() -> Any:
     """Let commands use a cluster in memory; return the function that runs a command line."""
+    from rigel_graph import watching
     from rigel_k8s import kube
     from rigel_k8s.cli import main
     from rigel_k8s.commands import run
-    from rigel_k8s.rosgraph import watching
 
     controllers = import_module("tests.support.controllers")
     fake = import_module("tests.support.fake_cluster")

@@ -34,8 +34,9 @@ SCALE = (
 )
 #: Modules that commands import late; imported once, before the forks.
 WARM = (
-    *("cli.runs", "cli.releases", "kube.cluster", "deploy", "release.removal"),
-    *("jobs.types.orchestration", "rosgraph.watching", "app.deploying.prepare"),
+    *("rigel_k8s.cli.runs", "rigel_k8s.cli.releases", "rigel_k8s.kube.cluster", "rigel_k8s.deploy"),
+    *("rigel_k8s.release.removal", "rigel_k8s.jobs.types.orchestration"),
+    *("rigel_k8s.app.deploying.prepare", "rigel_graph.hooks", "rigel_graph.watching"),
 )
 HUNG = 124  # the exit code of a command that did not end
 
@@ -90,7 +91,7 @@ def serve(requests: TextIO, answers: TextIO) -> None:
 def warm_up() -> None:
     """Import what commands need."""
     for name in WARM:
-        import_module(f"rigel_k8s.{name}")
+        import_module(name)
 
 
 def shorten_waits() -> None:

@@ -4,7 +4,7 @@
 
 Why: the exporter's modules read discovery, but only count endpoints; a picture needs to show which
 node has which. CONFIG is JSON: the arguments of the exporter's Domain. Contract: the keys are those
-that rosgraph/dds.py and discovery/looks.py there read. It joins discovery until nothing new
+that rigel_graph/dds.py and discovery/looks.py there read. It joins discovery until nothing new
 arrives, and leaves.
 """
 

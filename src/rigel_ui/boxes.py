@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from rigel_k8s.rosgraph.drawing import NOWHERE, Picture, make_picture, write_dot
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
+from rigel_graph.drawing import NOWHERE, Picture, make_picture, write_dot
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_ui.feed import Entries
 from rigel_ui.nodes import DONE, is_well
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime, timezone
 from typing import Any
 
-from rigel_k8s.commands.rosgraph import LiveGraph, picture_of
+from rigel_graph.commands.graph import LiveGraph, picture_of
+from rigel_graph.types import RosGraph
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.rosgraph.types import RosGraph
 from rigel_ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from rigel_ui.feed import Entries, Feed
 

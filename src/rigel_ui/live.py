@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from rigel_k8s.commands.rosgraph import LiveGraph, look
+from rigel_graph.commands.graph import LiveGraph, look
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.failures import Refusal

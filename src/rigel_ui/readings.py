@@ -9,8 +9,8 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rigel_k8s.commands.ros.params import read_parameters
-from rigel_k8s.commands.ros.topics import SHORT, follow
+from rigel_graph.commands.params import read_parameters
+from rigel_graph.commands.topics import SHORT, follow
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.yaml_text import write_value

@@ -26,11 +26,11 @@ import attrs
 import pytest
 
 import rigel_inpod
+from rigel_graph.discovery.findings import DiscoveryGraph, graph
+from rigel_graph.discovery.looks import look
+from rigel_graph.discovery.members import Member
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.network.modes.peers import peer_name
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.rosgraph.discovery.looks import look
-from rigel_k8s.rosgraph.discovery.members import Member
 from rigel_k8s.system.cache import locked
 from rigel_rmw import libraries
 from tests.support.ros2_c import compile_ros

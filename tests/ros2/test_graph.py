@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph
+from rigel_graph.discovery.findings import DiscoveryGraph
 from tests.support.until import until
 
 from .conftest import PATIENCE, ROS_NODE

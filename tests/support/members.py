@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.rosgraph.discovery.members import Member, members
+from rigel_graph.discovery.members import Member, members
 
 NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
 PROBE = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", "3"]
@@ -40,7 +40,9 @@ def pod(name: str = "talker-1", note: Any = NOTE, **more: Any) -> dict[str, Any]
         "status": {
             "podIP": "10.244.1.2",
             "conditions": [{"type": "Ready", "status": "True"}],
-            "containerStatuses": [{"name": "ros-node", "state": {"running": {}}}],
+            "containerStatuses": [
+                {"name": "ros-node", "restartCount": 0, "state": {"running": {}}}
+            ],
         },
     }
 

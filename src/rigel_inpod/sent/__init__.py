@@ -41,6 +41,21 @@ for name, _ in sent[:-1]:
 exec(compile(sent[-1][1], "<rigel-k8s>", "exec"), {"__name__": "__main__"})
 """
 
+#: The Pythons of images of different ages; the probes try the same.
+PYTHONS = ("python3", "python", "python2")
+SHELL = """
+for python in %s; do
+  command -v "$python" >/dev/null 2>&1 && exec "$python" -S -E -B -c "$0" "$@"
+done
+echo 'its image has no %s' >&2
+exit 127
+"""
+
+
+def choose_python(pythons: Sequence[str], program: str, *arguments: str) -> list[str]:
+    """Return the command that runs a program on the first of these Pythons that an image has."""
+    return ["/bin/sh", "-c", SHELL % (" ".join(pythons), pythons[-1]), program, *arguments]
+
 
 def pack(modules: Sequence[tuple[str, str]]) -> bytes:
     """Return the line that LOADER reads.

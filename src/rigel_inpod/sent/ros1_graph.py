@@ -3,9 +3,9 @@
     ros1_graph.py [SPAN]
 
 Why: only a pod reaches the master and the nodes. It registers nothing, so that no node notices a
-new subscriber. Contract: the keys are those that rosgraph/ros1.py reads; "error" is the reason why
-the master did not answer. Every request has a deadline: a node that hangs costs ANSWER seconds and
-no other node's answer. Counters are read twice, SPAN seconds apart, or once if it is 0.
+new subscriber. Contract: the keys are those that rigel_graph/ros1.py reads; "error" is the reason
+why the master did not answer. Every request has a deadline: a node that hangs costs ANSWER seconds
+and no other node's answer. Counters are read twice, SPAN seconds apart, or once if it is 0.
 """
 
 import json

@@ -5,9 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import attrs
 import click
@@ -24,26 +22,24 @@ from rigel_k8s.cli.words import (
 from rigel_k8s.objects.marks import DEVELOPMENT_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.objects.text import join_words
-from rigel_k8s.problems import Problem
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.rosgraph.types import GateStatus
 
 if TYPE_CHECKING:
+    from rigel_k8s.app.deploying.guests import StatusAddition
     from rigel_k8s.commands.status import Status
 
 #: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"
 #: Seconds for which a crash that was overcome is of interest.
 LATELY = 3600
-#: What a narrow terminal does without, first the first.
+#: What a narrow terminal does without, first the first; guests have some of these columns.
 OPTIONAL = ("IMAGE", "INTERFACE", "ADDRESS", "ROS NAME", "POD", "AGE")
 #: The same while a node has several pods, as in a roll-out: only by their names rows differ.
 OPTIONAL_BUT_PODS = (*OPTIONAL[:4], "DISCOVERED", "RESTARTS", "ON", "AGE")
 #: What is left out rather than narrowed, since it is copied; a node's name is always there.
 WHOLE = ("NODE", "POD")
-#: The columns of a DDS graph.
-HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
+#: The parts of the JSON that guests have; null where they were not asked.
+OF_GUESTS = ("graph", "gate", "clocks", "expect")
 
 
 @click.command()
@@ -70,15 +66,14 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 
 def status_text(status: Status, now: datetime | None = None) -> str:
     """Return a release's workloads and pods, and below them what is wrong."""
-    found, graph, gate = status.release, status.graph, status.gate
+    found, additions = status.release, status.additions
     now = now or datetime.now(timezone.utc)
     heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
-    if graph is not None:
-        heads[5:5] = HEADS
+    heads[5:5] = [head for one in additions for head in one.heads]
     rows: list[list[str]] = []
     colors: list[str | None] = []
     for workload in found.workloads:
-        rows += rows_of(workload, now, graph)
+        rows += rows_of(workload, now, additions)
         colors += [None if workload.ok else WARNING] * (len(rows) - len(colors))
     several = any(len(workload.pods) > 1 for workload in found.workloads)
     optional = OPTIONAL_BUT_PODS if several else OPTIONAL
@@ -92,12 +87,9 @@ def status_text(status: Status, now: datetime | None = None) -> str:
         *reasons_of(found),
         *stop_lines(found, now),
         *rollback_lines(found),
+        *(line for one in additions for line in one.lines),
     ]
-    lines += problem_lines(graph.problems if graph is not None else ())
-    lines += gate_lines(gate, found) if gate is not None else ()
-    lines += problem_lines(status.clocks or ())
-    lines += dict.fromkeys(one.line for one in status.expect or () if one.broken)
-    memory = "\n".join(memory_lines(graph)) if graph is not None else ""
+    notes = "\n".join(wrap(note, sys.stdout) for one in additions for note in one.notes)
     reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
     wrong = [part for part in (reasons, way_out(found)) if part] or [total(found)]
     drift = "\n".join(
@@ -106,9 +98,9 @@ def status_text(status: Status, now: datetime | None = None) -> str:
         for text in w.drift
     )
     # The nodes of one pod have one note.
-    notes = {w.annotations.get(DEVELOPMENT_ANNOTATION, "") for w in found.workloads} - {""}
-    developed = "\n".join(click.style(wrap(note, sys.stdout), fg=WARNING) for note in sorted(notes))
-    return "\n\n".join(part for part in (*parts, memory, *wrong, drift, developed) if part)
+    texts = {w.annotations.get(DEVELOPMENT_ANNOTATION, "") for w in found.workloads} - {""}
+    developed = "\n".join(click.style(wrap(text, sys.stdout), fg=WARNING) for text in sorted(texts))
+    return "\n\n".join(part for part in (*parts, notes, *wrong, drift, developed) if part)
 
 
 def total(found: ReleaseStatus) -> str:
@@ -136,20 +128,19 @@ def headline(found: ReleaseStatus) -> str:
 
 
 def rows_of(
-    workload: WorkloadStatus, now: datetime, graph: DiscoveryGraph | None = None
+    workload: WorkloadStatus, now: datetime, additions: Sequence[StatusAddition] = ()
 ) -> Iterator[list[str]]:
     """Yield a row for each pod of a workload, or one row without a pod."""
     ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
     name = [workload.name, ros_name]
     for pod in workload.pods:
-        on = pod.node or "-"
-        cells = graph_cells(graph, pod.name, workload.name) if graph is not None else ()
-        place = [pod.name, on, *cells]
+        cells = [cell for one in additions for cell in one.find_cells(pod.name, workload.name)]
+        place = [pod.name, pod.node or "-", *cells]
         rest = [str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
         ready = "done" if pod.phase == "Succeeded" else f"{int(pod.ready)}/1"
         yield [*name, ready, *place, *rest]
     if not workload.pods:
-        none = ["-"] * (5 + (len(HEADS) if graph is not None else 0))
+        none = ["-"] * (5 + sum(len(one.heads) for one in additions))
         yield [*name, f"{workload.ready}/{workload.desired}", *none]
 
 
@@ -209,74 +200,6 @@ def way_out(found: ReleaseStatus) -> str:
     )
 
 
-def graph_cells(graph: DiscoveryGraph, pod: str, node: str) -> list[str]:
-    """Return one pod's cells: its interface, its address, discovered in how many other pods."""
-    row = next((one for one in graph.pods if one.pod in (pod, f"{pod}/{node}")), None)
-    if row is None:
-        return ["-"] * len(HEADS)
-    return [row.interface or "all", row.address or "-", describe_discovery(row)]
-
-
-def describe_discovery(row: PodGraph) -> str:
-    """Return in how many other pods a pod was discovered."""
-    if row.discovered_by is None or not row.out_of:
-        return "-"
-    return f"{len(row.discovered_by)}/{row.out_of}"
-
-
-def problem_lines(problems: Sequence[Problem]) -> Iterator[str]:
-    """Yield what is wrong, and what to do: once if it is the same for several."""
-    for problem, following in zip_longest(problems, problems[1:]):
-        same = following is not None and following.remedy == problem.remedy
-        yield f"{problem.message} [{problem.kind}]" if same else problem.text
-
-
-def memory_lines(graph: DiscoveryGraph) -> Iterator[str]:
-    """Yield which nodes exchange their messages by shared memory."""
-    groups: dict[str, list[str]] = {}
-    for pod in graph.pods:
-        if pod.memory:
-            groups.setdefault(pod.memory, []).append(pod.pod.rpartition("/")[2])
-    for memory, names in groups.items():
-        if len(names) > 1:
-            yield wrap(f"by shared memory of the {memory}: {', '.join(names)}", sys.stdout)
-
-
-def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
-    """Yield lines for users: calls that wait, what was lost, nodes that wait or are silent."""
-    pods = {pod.ip: pod.name for workload in found.workloads for pod in workload.pods if pod.ip}
-
-    def place(api: str) -> str:
-        host = urlsplit(api).hostname or api
-        return f"pod {pods[host]}" if host in pods else f"{host} (no pod of this release)"
-
-    if gate.problem:
-        yield f"cannot reach the gate in front of roscore: {gate.problem}"
-        return
-    if gate.blocked:
-        yield f"{gate.blocked}; calls to the master wait until it succeeds"
-    elif not gate.has_master:
-        yield "roscore does not answer its gate; calls to the master wait until it does"
-    for refusal in gate.refused:
-        yield f"roscore did not accept again the {refusal}; restart the pod of its node"
-    for why in gate.unkept:
-        yield f"{why}; a new ros-master pod would not have the latest registrations and parameters"
-    yield from gate.notes
-    for node in gate.waiting:
-        behind = f"take over from {place(node.owner)}" if node.owner else "have its name"
-        yield f"{node.node}: {place(node.api)} waits to {behind}"
-    for one in gate.conflicts:
-        when = (
-            f"{one.seconds:.0f} s ago" if one.seconds < 120 else f"{one.seconds / 60:.0f} min ago"
-        )
-        yield (
-            f"{one.node}: {place(one.old)} lost its name to {place(one.new)} {when}; ROS 1 allows"
-            " one node of a name: stop one of the two, or rename it"
-        )
-    for name in gate.silent:
-        yield f"{name} has not answered since roscore restarted; it is registered once it does"
-
-
 def shorten_image(image: str) -> str:
     """Return an image with a digest short enough for a table."""
     name, at, digest = image.partition("@sha256:")
@@ -285,7 +208,7 @@ def shorten_image(image: str) -> str:
 
 def status_json(status: Status) -> dict[str, Any]:
     """Return a release for scripts (docs/cli.md)."""
-    found, gate, clocks, expect = status.release, status.gate, status.clocks, status.expect
+    found = status.release
     return {
         "release": found.release.name,
         "namespace": found.release.namespace,
@@ -297,10 +220,8 @@ def status_json(status: Status) -> dict[str, Any]:
         "missing": list(found.missing),
         "changed": list(found.changed),
         "workloads": [workload_json(workload) for workload in found.workloads],
-        "graph": graph_json(status.graph),
-        "gate": None if gate is None else attrs.asdict(gate),
-        "clocks": None if clocks is None else [problem.to_json() for problem in clocks],
-        "expect": None if expect is None else [verdict.to_json() for verdict in expect],
+        **dict.fromkeys(OF_GUESTS),
+        **{key: part for one in status.additions for key, part in one.json.items()},
     }
 
 
@@ -317,16 +238,4 @@ def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
         "drift": list(workload.drift),
         "development": workload.annotations.get(DEVELOPMENT_ANNOTATION),
         "pods": [attrs.asdict(pod) for pod in workload.pods],
-    }
-
-
-def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
-    """Return a graph for scripts (docs/discovery.md)."""
-    if graph is None:
-        return None
-    return {
-        "ok": not graph.problems,
-        "deaf": [{"from": one, "to": other} for one, other in graph.deaf],
-        "problems": [problem.to_json() for problem in graph.problems],
-        "pods": [attrs.asdict(pod) for pod in graph.pods],
     }

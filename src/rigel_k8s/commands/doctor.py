@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import attrs
 
 from rigel_k8s.app.rights import PURPOSES, read_rights
+from rigel_k8s.commands import clocks
 from rigel_k8s.commands.targets import list_namespaces
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import Cluster, connect
@@ -18,7 +19,6 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.refusals.missing import ask_missing
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import clocks
 from rigel_k8s.settings import Settings
 
 CLOCKS = 5.0  # seconds that machines have to answer; those of `status` are fewer

@@ -45,6 +45,12 @@ def has_ended(pod: Manifest) -> bool:
     return (pod.get("status") or {}).get("phase") in ("Succeeded", "Failed")
 
 
+def runs(status: Mapping[str, Any], container: str) -> bool:
+    """Whether a container of a pod with this status runs."""
+    states = status.get("containerStatuses") or []
+    return any(s["name"] == container and "running" in (s.get("state") or {}) for s in states)
+
+
 def is_out_of_reach(pod: Manifest) -> bool:
     """Whether Kubernetes has lost the machine that a pod was ready on; the pod may still run there.
 

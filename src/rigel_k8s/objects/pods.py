@@ -46,6 +46,14 @@ def script(name: str, *arguments: str) -> Object:
     return {"exec": {"command": ["/bin/sh", f"{SCRIPTS_PATH}/{name}", *arguments]}}
 
 
+def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the container of a pod that has the in-pod scripts."""
+    for container in spec.get("containers") or []:
+        if any(m.get("mountPath") == SCRIPTS_PATH for m in container.get("volumeMounts") or []):
+            return container  # type: ignore[no-any-return]
+    return None
+
+
 def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
     """Return a container's probes: one that notices the start at once, then an infrequent one.
 

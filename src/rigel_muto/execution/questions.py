@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.errors import UserError
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_muto.agent.commands import Query
 
 NOT_FOUND: Mapping[str, str] = {"status": "NOTFOUND"}

@@ -8,6 +8,8 @@ from typing import Any
 
 import attrs
 
+from rigel_graph.reading import read_graph
+from rigel_graph.ros1 import list_parameters, read_parameter
 from rigel_k8s import deploy as deploys
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.deploying.target import release_of
@@ -25,8 +27,6 @@ from rigel_k8s.release import status as states
 from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.rigelfile.model import JobUse
 from rigel_k8s.rigelfile.source import Source, YamlNode, node_of
-from rigel_k8s.rosgraph.reading import read_graph
-from rigel_k8s.rosgraph.ros1 import list_parameters, read_parameter
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.commands import Query
 from rigel_muto.agent.wanted import Wanted

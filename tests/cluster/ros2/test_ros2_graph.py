@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.discovery import check as graph
 from rigel_inpod import scripts
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import NAME_LABEL, RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.discovery import check as graph
 from tests.support.recorder import Recorder
 from tests.support.until import until
 

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
+from rigel_graph.discovery.members import member_of
 from rigel_k8s.app.generations.ros1.master import MASTER_ANNOTATION
-from rigel_k8s.rosgraph.discovery.members import member_of
 
 from .shapes import find, problems, release
 

@@ -40,7 +40,8 @@ UNUSED = (
     "regex",
     "rich",
     "rigel_exporter",
-    "rigel_k8s.rosgraph.discovery",
+    "rigel_graph.discovery",
+    "rigel_graph.watching",
     "rigel_build.docker",
     "rigel_k8s.jobs.rigelstyle",
     "rigel_muto",
@@ -78,8 +79,7 @@ def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) 
     assert done.stderr.strip() == "[]"
 
 
-#: What looking at the ROS graph and at the gate needs, and what only deploying needs.
-LOOKING = ("rigel_exporter", "rigel_k8s.rosgraph.discovery", "rigel_k8s.network.modes.peers", "xml")
+#: What only deploying needs.
 DEPLOYING = (
     "rigel_k8s.app.checks",
     "rigel_k8s.app.deploying.prepare",
@@ -95,12 +95,12 @@ DEPLOYING = (
 
 
 def test_status_imports_nothing_that_only_deploying_needs(tmp_path: Path) -> None:
-    """It is called often. Here it ends at a cluster that is away: all is imported by then."""
+    """It is called often. Here it ends at a cluster that is away: guests are asked after that."""
     file = tmp_path / "Rigelfile"
     file.write_text(RIGELFILE.replace("DIGEST", "0" * 64))
     config = tmp_path / "config"
     config.write_text(KUBECONFIG)
-    others = [*DEPLOYING, *(set(UNUSED) - set(LOOKING))]
+    others = [*DEPLOYING, *UNUSED]
     words = ["--kubeconfig", str(config), "-f", str(file), "status"]
     code = (
         "import sys\n"

@@ -53,7 +53,8 @@ def test_every_command_of_the_table_is_there_and_helps(
 def test_what_a_package_adds_is_where_it_says() -> None:
     """After the command that it names, else at the end."""
     names = list(main.list_all_commands())
-    assert names[names.index("logs") + 1] == "ui"
+    first = names.index("status")
+    assert names[first : first + 7] == ["status", "graph", "expect", "logs", "ui", "topic", "param"]
     assert names[-2:] == ["import", "muto"]
 
 

@@ -10,6 +10,10 @@ import click
 import pytest
 
 from rigel_exporter.expecting import BROKEN, OK, Finding
+from rigel_graph.discovery.findings import DiscoveryGraph, PodGraph
+from rigel_graph.expectations import Verdict
+from rigel_graph.status import describe
+from rigel_graph.types import GateStatus, NameConflict, WaitingNode
 from rigel_k8s.cli import tables
 from rigel_k8s.cli.status import ORPHAN, headline, status_json, status_text
 from rigel_k8s.cli.tables import age
@@ -24,9 +28,6 @@ from rigel_k8s.release.status import (
     WorkloadStatus,
 )
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, PodGraph
-from rigel_k8s.rosgraph.expectations import Verdict
-from rigel_k8s.rosgraph.types import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32
@@ -85,6 +86,11 @@ def release(*workloads: WorkloadStatus, revision: int = 3, state: str = "good") 
     return ReleaseStatus(ReleaseId("robots", "app"), revision, state, workloads)
 
 
+def see(state: ReleaseStatus, **seen: Any) -> Status:
+    """Return a status with what the graph's guest adds to it."""
+    return Status(state, [describe(state, **seen)])
+
+
 def test_a_revision_does_not_still_run_beside_itself() -> None:
     """Someone has changed an image by hand, and the new pod does not start."""
     stuck = attrs.evolve(LISTENER, old_runs=True, kinds=("crash",))
@@ -132,7 +138,7 @@ def test_pods_of_one_node_can_be_told_apart(
     heads = click.unstyle(status_text(Status(release(one)), NOW)).splitlines()[2].split()
     assert "POD" not in heads
     assert {"RESTARTS", "ON"} <= {*heads}
-    rows = click.unstyle(status_text(Status(release(several), GRAPH), NOW)).splitlines()[2:5]
+    rows = click.unstyle(status_text(see(release(several), graph=GRAPH), NOW)).splitlines()[2:5]
     assert max(map(len, rows)) <= 80
     for row, end in zip(rows[1:], ends, strict=True):
         assert row.startswith(f"{name}  1/1")
@@ -186,13 +192,13 @@ def test_orphans_and_the_way_out() -> None:
 
 def test_graph_in_the_table() -> None:
     """A release with DDS shows interface, address and in how many pods each node is discovered."""
-    lines = status_text(Status(release(TALKER, WAITING), GRAPH), NOW).splitlines()
+    lines = status_text(see(release(TALKER, WAITING), graph=GRAPH), NOW).splitlines()
     heads = "NODE    ROS NAME  READY  POD       ON     INTERFACE  ADDRESS   DISCOVERED  RESTARTS"
     assert lines[2].startswith(heads)
     assert "node1  net1       10.1.0.5  1/2         0" in lines[3]
     assert click.unstyle(lines[4]).split() == ["camera", "-", "0/1", *["-"] * 8]
     assert "multicast from node2 does not reach node1; look at the switch [deaf]" in lines[-1]
-    assert status_json(Status(release(TALKER), GRAPH))["graph"] == {
+    assert status_json(see(release(TALKER), graph=GRAPH))["graph"] == {
         "ok": False,
         "deaf": [{"from": "node2", "to": "node1"}],
         "problems": [
@@ -215,11 +221,11 @@ def test_a_graph_in_order() -> None:
     """
     order = attrs.evolve(GRAPH, problems=(), deaf=())
     assert (
-        click.unstyle(status_text(Status(release(TALKER), order), NOW)).splitlines()[-1]
+        click.unstyle(status_text(see(release(TALKER), graph=order), NOW)).splitlines()[-1]
         == "1 of 1 ready"
     )
     twice = attrs.evolve(GRAPH, problems=GRAPH.problems * 2)
-    text = status_text(Status(release(TALKER), twice), NOW)
+    text = status_text(see(release(TALKER), graph=twice), NOW)
     assert text.count("look at the switch") == 1
     assert text.count("[deaf]") == 2
 
@@ -228,12 +234,12 @@ def test_clocks_that_differ() -> None:
     """A line for each machine, and what to do once; nothing else changes."""
     remedy = "run chrony"
     wrong = [Problem((), f"clocks: {n}", "clocks-differ", "warning", remedy=remedy) for n in "ab"]
-    text = click.unstyle(status_text(Status(release(TALKER), clocks=wrong), NOW))
+    text = click.unstyle(status_text(see(release(TALKER), clocks=wrong), NOW))
     assert text.splitlines()[-2:] == [
         "clocks: a [clocks-differ]",
         "clocks: b; run chrony [clocks-differ]",
     ]
-    assert status_json(Status(release(TALKER), clocks=wrong))["clocks"][0]["message"] == "clocks: a"
+    assert status_json(see(release(TALKER), clocks=wrong))["clocks"][0]["message"] == "clocks: a"
     assert status_json(Status(release(TALKER)))["clocks"] is None
 
 
@@ -273,9 +279,9 @@ def test_a_topic_that_is_not_as_expected_is_a_line() -> None:
     """In the words of `rigel expect`; what is as expected is none."""
     slow = Verdict("/scan", Finding("rate", BROKEN, "8..12/s", "3.1/s"))
     good = Verdict("/scan", Finding("publishers", OK, "1", "1"))
-    text = click.unstyle(status_text(Status(release(TALKER), expect=[slow, good]), NOW))
+    text = click.unstyle(status_text(see(release(TALKER), expect=[slow, good]), NOW))
     assert text.split("\n\n")[-1] == "/scan: rate 3.1/s, expected 8..12/s"
-    found = status_json(Status(release(TALKER), expect=[slow]))["expect"]
+    found = status_json(see(release(TALKER), expect=[slow]))["expect"]
     expected = {"topic": "/scan", "what": "rate", "state": BROKEN, "expected": "8..12/s"}
     assert found == [{**expected, "measured": "3.1/s"}]
 
@@ -352,7 +358,7 @@ def test_ages(seconds: int, text: str) -> None:
 
 def lines_of(**knows: Any) -> list[str]:
     """Return what status says below the table of a release whose gate knows this."""
-    text = click.unstyle(status_text(Status(release(TALKER), gate=GateStatus(**knows)), NOW))
+    text = click.unstyle(status_text(see(release(TALKER), gate=GateStatus(**knows)), NOW))
     return text.split("\n\n", 2)[2].splitlines() if text.count("\n\n") > 1 else []
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.commands import params
+from rigel_graph.commands.live import Live
+from rigel_graph.types import GraphNode, RosGraph
 from rigel_k8s.cli.main import run
 from rigel_k8s.commands.pods import pod_of
-from rigel_k8s.commands.ros import params
-from rigel_k8s.commands.ros.live import Live
-from rigel_k8s.rosgraph.types import GraphNode, RosGraph
 
 
 @pytest.mark.parametrize(

@@ -10,20 +10,20 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.commands.live import Live
+from rigel_graph.types import RosGraph
 from rigel_k8s.commands import pods, releases, top
 from rigel_k8s.commands import status as reading
 from rigel_k8s.commands.dev import session
 from rigel_k8s.commands.join.session import find_deployment
 from rigel_k8s.commands.logs import reading as logs
 from rigel_k8s.commands.logs.lines import LogOptions
-from rigel_k8s.commands.ros.live import Live
 from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release import apply
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
 from rigel_k8s.release.types import Desired
-from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster
@@ -77,8 +77,8 @@ def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
 def test_one_workload_is_enough() -> None:
     good = WorkloadStatus("Deployment", "a", 1, 1, True, "", ())
     bad = WorkloadStatus("Deployment", "b", 0, 1, False, "", ())
-    assert Status(ReleaseStatus(RELEASE, 1, "good", (good, good)), None).ok
-    assert not Status(ReleaseStatus(RELEASE, 1, "good", (good, bad)), None).ok
+    assert Status(ReleaseStatus(RELEASE, 1, "good", (good, good))).ok
+    assert not Status(ReleaseStatus(RELEASE, 1, "good", (good, bad))).ok
 
 
 def test_status_of_nothing_is_told(fake: Any) -> None:

@@ -12,7 +12,9 @@ from xml.etree import ElementTree
 import pytest
 
 from rigel_exporter.expecting import Expected, Finding
-from rigel_k8s.commands.expect import Examined
+from rigel_graph.commands import expect
+from rigel_graph.commands.expect import Examined
+from rigel_graph.expectations import Verdict
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.commands.testing.release import ReleaseTests
 from rigel_k8s.commands.testing.results import Result, remove_results, write_results
@@ -20,7 +22,6 @@ from rigel_k8s.commands.testing.run import Trial, place_for
 from rigel_k8s.errors import Interrupted, UserError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.expectations import Verdict
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
@@ -116,9 +117,8 @@ def test_topics_count_before_and_after_the_tests(monkeypatch: pytest.MonkeyPatch
         )
         return Examined(ReleaseId("n", "robot"), tuple(verdicts))
 
-    place = "rigel_k8s.commands.testing.release"
-    monkeypatch.setattr(f"{place}.read_expected", lambda _: {"/scan": Expected(rate=(8.0, 12.0))})
-    monkeypatch.setattr(f"{place}.compare", compare)
+    monkeypatch.setattr(expect, "read_expected", lambda _: {"/scan": Expected(rate=(8.0, 12.0))})
+    monkeypatch.setattr(expect, "compare", compare)
     monkeypatch.setattr(ReleaseTests, "list_tests", lambda _: [{}])
     monkeypatch.setattr(ReleaseTests, "run_test", lambda *_: Result("robot", "hears", "passed"))
     found = Release(FakeCluster(), ReleaseId("n", "robot"))  # type: ignore[arg-type]
@@ -154,7 +154,7 @@ def test_what_has_ended_before_an_interruption_is_kept(monkeypatch: pytest.Monke
             raise Interrupted("interrupted")
         return Result("robot", deployment["name"], "failed")
 
-    monkeypatch.setattr("rigel_k8s.commands.testing.release.read_expected", lambda _: {})
+    monkeypatch.setattr(expect, "read_expected", lambda _: {})
     tests = [{"name": "first"}, {"name": "second"}]
     monkeypatch.setattr(ReleaseTests, "list_tests", lambda _: tests)
     monkeypatch.setattr(ReleaseTests, "run_test", run_test)

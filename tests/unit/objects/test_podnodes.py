@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.pods import expected_nodes, mark_shared, read_pods
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
+from rigel_graph.watching import name_nodes
 from rigel_k8s.commands.pods import find_matching, pod_of
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.podnodes import note_nodes, split
 from rigel_k8s.release.rollout.causes import find_turn, probe_failure
 from rigel_k8s.release.rollout.view import find_related
 from rigel_k8s.release.status import describe_nodes
-from rigel_k8s.rosgraph.pods import expected_nodes, mark_shared, read_pods
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-from rigel_k8s.rosgraph.watching import name_nodes
 
 NAMES = {"camera": "/camera", "ns-detector": "/ns/detector"}
 NOTES = note_nodes(

@@ -17,6 +17,8 @@ from datetime import datetime, timezone
 from functools import cache
 from typing import Any
 
+from rigel_graph.discovery.members import members
+from rigel_graph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.cli.listing import summary_table
 from rigel_k8s.cli.status import status_text
 from rigel_k8s.cli.tables import age
@@ -33,8 +35,6 @@ from rigel_k8s.release.revisions import records
 from rigel_k8s.release.rollback import find_unfinished
 from rigel_k8s.release.status import status
 from rigel_k8s.release.types import Desired
-from rigel_k8s.rosgraph.discovery.members import members
-from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_ui.nodes import node_entry
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Store

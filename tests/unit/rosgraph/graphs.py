@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import random
 
-from rigel_k8s.commands.rosgraph import LiveGraph
+from rigel_graph.commands.graph import LiveGraph
+from rigel_graph.problems import find_problems
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 
 ROBOT = RosGraph(
     nodes=(

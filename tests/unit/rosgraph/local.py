@@ -5,9 +5,9 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Sequence
 
+from rigel_graph.pods import GraphPod
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult
-from rigel_k8s.rosgraph.pods import GraphPod
 
 POD = GraphPod("here", "robots", "ros-master", "ros-node", running=True, ready=True)
 

@@ -10,16 +10,16 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph import reading
+from rigel_graph.commands import expect
+from rigel_graph.commands import graph as actions
+from rigel_graph.types import GraphTopic, RosGraph
 from rigel_k8s.cli import main
-from rigel_k8s.commands import expect
-from rigel_k8s.commands import rosgraph as actions
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import UserError
 from rigel_k8s.observability.reading.prometheus import Sample
 from rigel_k8s.observability.reading.stack import NoStack
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import reading
-from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
 from rigel_k8s.settings import Settings
 from tests.support.rosgraph import ros_graph
 

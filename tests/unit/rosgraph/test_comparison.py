@@ -8,8 +8,8 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.rosgraph.comparison import Comparison, compare, generalise, is_tool
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
+from rigel_graph.comparison import Comparison, compare, generalise, is_tool
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 
 SCAN, CLOUD = "sensor_msgs/LaserScan", "sensor_msgs/PointCloud2"
 

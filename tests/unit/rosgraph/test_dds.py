@@ -14,13 +14,13 @@ import pytest
 from rigel_exporter.dds_discovery import ENDPOINTS
 from rigel_exporter.dds_graph import describe
 from rigel_exporter.dds_participant import Participant
+from rigel_graph import dds
+from rigel_graph.discovery import inside
+from rigel_graph.discovery.members import members
+from rigel_graph.pods import GraphPod
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, Mismatch
 from rigel_inpod.spdp import Announcement
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.rosgraph import dds
-from rigel_k8s.rosgraph.discovery import inside
-from rigel_k8s.rosgraph.discovery.members import members
-from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch
 from tests.support.ddspeer import peer, some_domain
 from tests.support.members import pod
 from tests.support.pythons import find_python

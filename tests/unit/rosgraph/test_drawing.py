@@ -14,10 +14,10 @@ import attrs
 import click
 import pytest
 
-from rigel_k8s.cli.rosgraph import FORMS, render
-from rigel_k8s.commands.rosgraph import picture_of
-from rigel_k8s.rosgraph.drawing import make_picture, write_dot
-from rigel_k8s.rosgraph.types import RosGraph
+from rigel_graph.cli.graph import FORMS, render
+from rigel_graph.commands.graph import picture_of
+from rigel_graph.drawing import make_picture, write_dot
+from rigel_graph.types import RosGraph
 
 from .graphs import ODD, ROBOT, live
 
@@ -51,7 +51,7 @@ def test_the_same_graph_is_drawn_the_same_in_each_process() -> None:
     """Whatever order sets have in it."""
     code = (
         "from tests.unit.rosgraph.graphs import *\n"
-        "from rigel_k8s.cli.rosgraph import render\n"
+        "from rigel_graph.cli.graph import render\n"
         "graph = live(make_random(2))\n"
         "print(*(render(graph, f, everything=True) for f in ('text', 'dot')))"
     )

@@ -10,19 +10,19 @@ from typing import Any
 import pytest
 
 from rigel_exporter.expecting import BROKEN, OK, UNKNOWN, Expected, Reading, describe, judge
+from rigel_graph import watching
+from rigel_graph.commands import expect as expecting
+from rigel_graph.commands.expect import Learned, note, round_down, round_up
+from rigel_graph.expectations import LONGEST, choose_span, compare_with, list_broken
+from rigel_graph.types import SPAN, GraphNode, GraphTopic, RosGraph
+from rigel_graph.watching import GraphWatch, GraphWorse
 from rigel_k8s.app.expectations import Expectation, describe_all
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.commands import expect as expecting
-from rigel_k8s.commands.expect import Learned, note, round_down, round_up
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.scalars import Duration, Range, RosName
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
-from rigel_k8s.rosgraph import watching
-from rigel_k8s.rosgraph.expectations import LONGEST, choose_span, compare_with, list_broken
-from rigel_k8s.rosgraph.types import SPAN, GraphNode, GraphTopic, RosGraph
-from rigel_k8s.rosgraph.watching import GraphWatch, GraphWorse
 from rigel_k8s.settings import Settings
 from tests.support.recorder import Recorder
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from rigel_graph import idle
+from rigel_graph.discovery.inside import Unread
+from rigel_graph.idle import list_busy, wait_until_idle
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import idle
-from rigel_k8s.rosgraph.discovery.inside import Unread
-from rigel_k8s.rosgraph.idle import list_busy, wait_until_idle
 from tests.support.recorder import Recorder
 
 RELEASE = ReleaseId("robots", "lab")

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.rosgraph.layout import make_layout
-from rigel_k8s.rosgraph.types import GraphTopic
+from rigel_graph.layout import make_layout
+from rigel_graph.types import GraphTopic
 
 LOG = "RosOut!log"
 #: Types that have a panel, in ROS 2.

@@ -8,11 +8,11 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
+from rigel_graph.problems import find_problems
+from rigel_graph.types import GraphNode, GraphTopic, Mismatch, RosGraph
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.ros import ROS_2
-from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch, RosGraph
 
 TALKER = GraphPod(
     "talker-1",

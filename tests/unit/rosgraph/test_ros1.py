@@ -13,16 +13,10 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError, UserError
-from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.network.wiring import NETWORK_ANNOTATION
-from rigel_k8s.objects import pods
-from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import ros1
-from rigel_k8s.rosgraph.discovery import inside
-from rigel_k8s.rosgraph.pods import GraphPod
-from rigel_k8s.rosgraph.types import (
+from rigel_graph import ros1
+from rigel_graph.discovery import inside
+from rigel_graph.pods import GraphPod
+from rigel_graph.types import (
     GateStatus,
     GraphNode,
     GraphTopic,
@@ -30,6 +24,12 @@ from rigel_k8s.rosgraph.types import (
     NameConflict,
     WaitingNode,
 )
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects import pods
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.types import ReleaseId
 from tests.support.pythons import find_python
 from tests.support.rosgraph import ros_graph
 
@@ -189,7 +189,7 @@ def test_parameters_have_the_types_that_the_master_has(
     python: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = sys.executable if python == "3" else find_python(python)
-    monkeypatch.setattr("rigel_k8s.rosgraph.ros1.PYTHONS", ["no-python3", found])
+    monkeypatch.setattr("rigel_graph.ros1.PYTHONS", ["no-python3", found])
     with ros_graph() as graph:
         values = {"/rate": 2.5, "/a/list": [1, "x", True], "/tree": {"k": "ü"}, "/run_id": "run-1"}
         graph.master.parameters = values  # type: ignore[assignment]

@@ -9,13 +9,13 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph import dds, ros2
+from rigel_graph.discovery.inside import Unread
+from rigel_graph.discovery.members import members
+from rigel_graph.pods import GraphPod, read_pod
+from rigel_graph.problems import find_problems
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.rosgraph import dds, ros2
-from rigel_k8s.rosgraph.discovery.inside import Unread
-from rigel_k8s.rosgraph.discovery.members import members
-from rigel_k8s.rosgraph.pods import GraphPod, read_pod
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismatch, RosGraph
 from tests.support.members import pod
 from tests.support.notes import (
     NOW,

@@ -12,17 +12,17 @@ from typing import Any, BinaryIO
 
 import pytest
 
+from rigel_graph import hz, tools
+from rigel_graph.cli.topics import write
+from rigel_graph.commands import live as running
+from rigel_graph.commands import params
+from rigel_graph.tools import ROS1, ROS2, CannotRun, Inbox
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_inpod.sent import read_module
-from rigel_k8s.cli.topics import write
 from rigel_k8s.commands.pods import Pod
-from rigel_k8s.commands.ros import live as running
-from rigel_k8s.commands.ros import params
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import hz, tools
-from rigel_k8s.rosgraph.tools import ROS1, ROS2, CannotRun, Inbox
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from tests.support.pythons import find_python
 
 from .local import POD

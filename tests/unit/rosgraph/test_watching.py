@@ -8,10 +8,10 @@ from unittest.mock import Mock
 
 import pytest
 
+from rigel_graph import watching
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Plan, ReleaseId, Step
-from rigel_k8s.rosgraph import watching
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 RELEASE = ReleaseId("robots", "explorer")
 

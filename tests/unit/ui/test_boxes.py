@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from rigel_k8s.rosgraph.drawing import make_picture
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
+from rigel_graph.drawing import make_picture
+from rigel_graph.problems import find_problems
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, RosGraph
 from rigel_ui.boxes import describe, keep_lost, list_away, make_boxes, make_topics
 from tests.support.page import node
 

@@ -10,7 +10,8 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.commands.rosgraph import LiveGraph
+from rigel_graph.commands.graph import LiveGraph
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal
@@ -18,7 +19,6 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking as lease
 from rigel_k8s.release.locking import DURATION, lease_ref
 from rigel_k8s.release.types import Desired
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_ui import live as module
 from rigel_ui.feed import Feed
 from rigel_ui.live import Live

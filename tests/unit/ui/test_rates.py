@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
+from rigel_graph.types import GraphTopic, RosGraph
 from rigel_ui.feed import Entries
 from rigel_ui.graphs import KEPT, MOST, add_rates
 

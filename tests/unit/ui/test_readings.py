@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.ros.params import Parameters
+from rigel_graph.commands.params import Parameters
 from rigel_ui import readings
 from rigel_ui.readings import Readings, list_kinds
 

@@ -1,4 +1,4 @@
-"""What joins the deploy of an application without being known here.
+"""What joins an application, its deploy, status and tests, without being known here.
 
 Guests are found by entry points, `rigel_k8s.parts`. Imports are late: `rigel explain` asks, too.
 """
@@ -6,7 +6,7 @@ Guests are found by entry points, `rigel_k8s.parts`. Imports are late: `rigel ex
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import attrs
 
@@ -16,8 +16,13 @@ from rigel_k8s.installed import find, list_names
 if TYPE_CHECKING:
     from rigel_k8s.app.options import OrchestrationOptions
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.release.part import Inspection, Part
+    from rigel_k8s.release.part import Hooks, Inspection, Part, Run
+    from rigel_k8s.release.status import ReleaseStatus
     from rigel_k8s.report import Reporter
+    from rigel_k8s.settings import Application, Settings
+
+#: How a test ended. Unknown is what could not be measured, which breaks nothing.
+State: TypeAlias = Literal["passed", "failed", "unknown"]
 
 
 @attrs.frozen
@@ -27,16 +32,44 @@ class DeployRequest:
     Attributes:
         raw: the options that are set, as plain data.
         cluster: None for `render`: as far as the Rigelfile describes it.
+        settings: those of this run, such as `now`.
     """
 
     options: OrchestrationOptions
     raw: Mapping[str, Any]
     cluster: Cluster | None
     report: Reporter
+    application: Application
+    settings: Settings
+
+
+@attrs.frozen(kw_only=True)
+class StatusAddition:
+    """What a guest adds to `rigel status`, as plain values.
+
+    Attributes:
+        heads: of its columns.
+        cells: a pod's, by its name; POD/NODE where several nodes are in it.
+        lines: what is wrong.
+        notes: what is good to know.
+        json: parts of the JSON, by their keys.
+        ok: False for an exit code of 1.
+    """
+
+    heads: Sequence[str] = ()
+    cells: Mapping[str, Sequence[str]] = attrs.field(factory=dict)
+    lines: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    json: Mapping[str, Any] = attrs.field(factory=dict)
+    ok: bool = True
+
+    def find_cells(self, pod: str, node: str) -> Sequence[str]:
+        """Return the cells of a node's pod."""
+        return self.cells.get(pod) or self.cells.get(f"{pod}/{node}") or ["-"] * len(self.heads)
 
 
 class Guest:
-    """What a package adds to each deploy of an application; this one adds nothing."""
+    """What a package adds to applications; this one adds nothing."""
 
     def parts(self, request: DeployRequest) -> Sequence[Part]:
         """Return what the options request beside the application; nothing is written."""
@@ -57,6 +90,22 @@ class Guest:
             mended: a part of rank "network" is written before; leave out what it mends.
         """
         return None
+
+    def hooks(self, request: DeployRequest) -> Hooks | None:
+        """Return what is called beside the application's own hooks, from `before_pods` on."""
+        return None
+
+    def status(self, cluster: Cluster, release: ReleaseStatus) -> StatusAddition | None:
+        """Return what it sees of a running release; it may run programs in pods."""
+        return None
+
+    def test(self, run: Run, wait: float) -> Iterable[tuple[str, State, str]]:
+        """Return (name, how it ended, why) of what `rigel test` tests of a running release.
+
+        Args:
+            wait: seconds that it may take to pass.
+        """
+        return ()
 
     def kinds(self) -> Iterable[tuple[str, str, str]]:
         """Return (word, cause, where the answer comes from) of what `inspect` finds; Markdown."""

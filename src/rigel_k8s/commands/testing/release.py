@@ -1,33 +1,33 @@
-"""The tests of one release: what is expected of its topics, and its nodes of `kind: test`."""
+"""The tests of one release: those of guests, and its nodes of `kind: test`."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import attrs
 
-from rigel_exporter.expecting import BROKEN, OK, UNKNOWN, Expected
+from rigel_k8s.app.deploying.guests import State, load_guests
 from rigel_k8s.app.deploying.results import copy_out
 from rigel_k8s.app.testing import READER, RESULTS, TEST_ANNOTATION, make_test_pod
-from rigel_k8s.commands.expect import compare, read_expected
 from rigel_k8s.commands.targets import Release
-from rigel_k8s.commands.testing.results import LOGS, Result, State, name_folder, save_log
+from rigel_k8s.commands.testing.results import LOGS, Result, name_folder, save_log
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NODE_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.part import Run
 from rigel_k8s.release.rollout.causes import containers, explain_exit, explain_pod
 from rigel_k8s.release.rollout.patience import Ledger, Patience
+from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 
 #: Seconds between two looks at a test that runs.
 LOOK = 0.5
-STATES: dict[str, State] = {OK: "passed", BROKEN: "failed", UNKNOWN: "unknown"}
 
 
 @attrs.frozen
@@ -47,33 +47,23 @@ class ReleaseTests:
     results: dict[str, Result] = attrs.field(factory=dict)
 
     def run(self) -> None:
-        """Note whether its topics are as expected, before and after its tests, and those."""
-        expected, tests = read_expected(self.found), self.list_tests()
-        self.results.update((one.name, one) for one in self.compare(expected, self.within))
+        """Note the tests of guests, before and after its own, and those."""
+        tests = self.list_tests()
+        self.results.update((one.name, one) for one in self.ask_guests(self.within))
         for job in tests:
             ended = self.run_test(job)
             self.results[ended.name] = ended
-        for one in self.compare(expected, 0.0) if tests else []:
+        for one in self.ask_guests(0.0) if tests else ():
             if one.state == "failed":
                 self.results[one.name] = one
 
-    def compare(self, expected: Mapping[str, Expected], wait: float) -> list[Result]:
-        """Return whether its topics are as expected; they may take `wait` seconds to become so."""
-        if not expected:
-            return []
-        self.report.line(f"{self.found.id.name}: comparing its topics with `expect`")
-        verdicts = compare(self.found, expected, wait, self.cancel).verdicts
-        if self.cancel.is_set():
-            raise Interrupted("interrupted while topics were compared with `expect`")
-        return [
-            Result(
-                self.found.id.name,
-                f"{one.topic}: {one.finding.what}",
-                STATES[one.finding.state],
-                message=one.line if one.broken else "",
-            )
-            for one in verdicts
-        ]
+    def ask_guests(self, wait: float) -> Iterator[Result]:
+        """Yield how the tests of guests ended; they may take `wait` seconds to pass."""
+        options = DeployOptions(report=self.report, cancel=self.cancel)
+        run = Run.of_objects(self.found.cluster, self.found.id, options)
+        for guest in load_guests():
+            for name, state, why in guest.test(run, wait):
+                yield Result(self.found.id.name, name, state, message=why)
 
     def list_tests(self) -> list[Manifest]:
         """Return the Jobs of its tests, by name."""

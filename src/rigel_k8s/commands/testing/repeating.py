@@ -9,11 +9,12 @@ from collections.abc import Mapping, Sequence
 
 import attrs
 
+from rigel_k8s.app.deploying.guests import State
 from rigel_k8s.app.generation import generation_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.testing import find_collisions
 from rigel_k8s.commands.interruption import interruptible
-from rigel_k8s.commands.testing.results import RUN, Result, State, remove_results, write_results
+from rigel_k8s.commands.testing.results import RUN, Result, remove_results, write_results
 from rigel_k8s.commands.testing.run import Trial, run_tests
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
 from rigel_k8s.jobs.importing import importable

@@ -7,11 +7,11 @@ import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, TypeAlias
 from xml.etree import ElementTree
 
 import attrs
 
+from rigel_k8s.app.deploying.guests import State
 from rigel_k8s.app.recording import NODE
 from rigel_k8s.commands.bags import fetch
 from rigel_k8s.commands.pods import find_matching, release_pods
@@ -24,8 +24,6 @@ from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
-#: Unknown is what could not be measured, which breaks nothing.
-State: TypeAlias = Literal["passed", "failed", "unknown"]
 #: In the folder of a run.
 RESULTS, LOGS, BAGS = "rigel.xml", "logs", "bags"
 #: The name of the result of a run that failed before its tests had ended.

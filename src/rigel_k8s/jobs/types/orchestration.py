@@ -90,9 +90,11 @@ class OrchestrationJob:
         from rigel_k8s.release.part import Part
 
         guests = load_guests()
+        asked = DeployRequest(
+            options, flat(job.raw), cluster, job.report, job.application, job.settings
+        )
         if options.observability_only:
-            alone = DeployRequest(options, flat(job.raw), cluster, job.report)
-            return [part for guest in guests for part in guest.parts(alone)]
+            return [part for guest in guests for part in guest.parts(asked)]
         request = Request(
             options=options,
             raw=job.raw,
@@ -102,16 +104,18 @@ class OrchestrationJob:
             providers=None if job.dry else job.providers,
         )
         if cluster is None and is_partial(job.raw):
-            with connect(job.settings) as asked:
-                prepared = prepare(request, asked)
+            with connect(job.settings) as connected:
+                prepared = prepare(request, connected)
         else:
             prepared = prepare(request, cluster)
+        whole = attrs.evolve(asked, options=prepared.options, raw=prepared.raw)
         hooks = ApplicationHooks(
             prepared=prepared,
             application=job.application,
             settings=job.settings,
             applied=job.applied,
             guests=guests,
+            beside=[made for guest in guests if (made := guest.hooks(whole))],
         )
         application = Part(
             desired=attrs.evolve(prepared.desired, source=str(job.application.dir.resolve())),
@@ -119,8 +123,7 @@ class OrchestrationJob:
             place=lambda found: job.place([point_out(one, job.raw) for one in found]),
             hooks=hooks,
         )
-        beside = DeployRequest(prepared.options, prepared.raw, cluster, job.report)
-        return [application, *(part for guest in guests for part in guest.parts(beside))]
+        return [application, *(part for guest in guests for part in guest.parts(whole))]
 
     def run(self, options: OrchestrationOptions, job: JobContext) -> None:
         """Deploy, and copy the results.

@@ -21,8 +21,8 @@ from rigel_lab.images.base.program import ETC, PREFIX, ProgramImage
 
 #: All but the lab: what the agent deploys has parts of each.
 HOUSES = (
-    *("rigel_build", "rigel_exporter", "rigel_gate", "rigel_inpod", "rigel_k8s"),
-    *("rigel_multus", "rigel_muto", "rigel_rmw", "rigel_stack"),
+    *("rigel_build", "rigel_exporter", "rigel_gate", "rigel_graph", "rigel_inpod"),
+    *("rigel_k8s", "rigel_multus", "rigel_muto", "rigel_rmw", "rigel_stack"),
 )
 PYTHON = "3.11"
 #: The processors of images, as wheels name them.

@@ -11,7 +11,7 @@ from rigel_k8s.errors import RigelK8sError
 def test_all_guests_of_the_wheel_are_there() -> None:
     """Each with a class of its own, in the order of their names."""
     found = [type(guest).__name__ for guest in guests.load_guests()]
-    assert found == ["MultusGuest", "StackGuest"]
+    assert found == ["GraphGuest", "MultusGuest", "StackGuest"]
 
 
 def test_an_installation_without_entry_points_deploys_nothing(

@@ -9,6 +9,10 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph import idle, watching
+from rigel_graph.discovery import check as discovery
+from rigel_graph.types import GraphNode, GraphTopic, RosGraph
+from rigel_graph.watching import GraphWorse
 from rigel_k8s import deploy as deploys
 from rigel_k8s import kube
 from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
@@ -16,10 +20,6 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import idle, watching
-from rigel_k8s.rosgraph.discovery import check as discovery
-from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
-from rigel_k8s.rosgraph.watching import GraphWorse
 from rigel_k8s.settings import Application, Settings
 from tests.support.clock import Clock, Waits
 from tests.support.fake_cluster import FakeCluster
@@ -106,7 +106,7 @@ def bare(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) -
     """A lidar and a planner that hears it, to be deployed."""
     made = World(fake, report, {"lidar": LIDAR, "planner": PLANNER})
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
-    monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", made.read_graph)
+    monkeypatch.setattr("rigel_graph.reading.read_graph", made.read_graph)
     for module in (watching, idle):
         monkeypatch.setattr(module, "time", made.cancel.clock)
     monkeypatch.setattr(discovery, "check", lambda *_: None)
@@ -143,7 +143,7 @@ def test_notes_from_before_a_look_that_failed_are_not_used_again(
             raise ClusterError("no answer")
         return looks.pop()
 
-    monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", read)
+    monkeypatch.setattr("rigel_graph.reading.read_graph", read)
     watch = watching.GraphWatch(bare.fake, RELEASE, bare.report, bare.cancel)  # type: ignore[arg-type]
     watch._before = RosGraph()
     assert watch.find_differences() is None

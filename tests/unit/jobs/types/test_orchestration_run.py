@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from rigel_graph import watching
+from rigel_graph.discovery import check as graph
 from rigel_k8s import kube
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
@@ -17,8 +19,6 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions, types
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import watching
-from rigel_k8s.rosgraph.discovery import check as graph
 from rigel_k8s.settings import Application, Settings
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running, unready

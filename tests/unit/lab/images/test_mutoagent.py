@@ -55,6 +55,7 @@ def test_the_package_in_the_image_runs(tmp_path: Path) -> None:
     code = (
         "import rigel_k8s.jobs.types.orchestration, rigel_muto.cli, rigel_k8s;"
         "import rigel_k8s.app.deploying.prepare, rigel_multus.install, rigel_stack.install;"
+        "import rigel_graph.hooks, rigel_graph.reading, rigel_graph.watching;"
         "from rigel_k8s.app.deploying.guests import load_guests; assert load_guests();"
         "from rigel_k8s.cli.main import list_all_commands; list_all_commands();"
         "import sys; ours = [m for n, m in sys.modules.items() if n.startswith('rigel_')];"

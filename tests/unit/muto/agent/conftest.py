@@ -11,10 +11,10 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph import reading
+from rigel_graph.types import RosGraph
 from rigel_k8s import kube
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph import reading
-from rigel_k8s.rosgraph.types import RosGraph
 from rigel_k8s.settings import Settings
 from rigel_muto.agent.allowance import Allowance
 from rigel_muto.agent.memory import Memory

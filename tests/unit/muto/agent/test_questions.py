@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from rigel_graph.types import GraphNode, GraphService, GraphTopic, RosGraph
 from rigel_k8s.errors import UserError
-from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
 from rigel_muto.agent.commands import Query
 from rigel_muto.execution.questions import NOT_FOUND, answer
 

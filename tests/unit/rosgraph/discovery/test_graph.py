@@ -9,17 +9,17 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_graph.discovery import check as graphs
+from rigel_graph.discovery.findings import DiscoveryGraph, graph
+from rigel_graph.discovery.looks import Observation, look, of_notes
+from rigel_graph.discovery.losses import Flow
+from rigel_graph.discovery.members import Member, members
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rosgraph.discovery import check as graphs
-from rigel_k8s.rosgraph.discovery.findings import DiscoveryGraph, graph
-from rigel_k8s.rosgraph.discovery.looks import Observation, look, of_notes
-from rigel_k8s.rosgraph.discovery.losses import Flow
-from rigel_k8s.rosgraph.discovery.members import Member, members
 from tests.support.members import NOTE, PROBE, member, pod
 from tests.support.notes import answer, process
 from tests.support.recorder import Recorder

@@ -8,11 +8,11 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.rosgraph.discovery.findings import graph
-from rigel_k8s.rosgraph.discovery.looks import of_notes
-from rigel_k8s.rosgraph.discovery.losses import Loss, find_losses, measure_flows
-from rigel_k8s.rosgraph.problems import find_problems
-from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
+from rigel_graph.discovery.findings import graph
+from rigel_graph.discovery.looks import of_notes
+from rigel_graph.discovery.losses import Loss, find_losses, measure_flows
+from rigel_graph.problems import find_problems
+from rigel_graph.types import GraphTopic, RosGraph
 from tests.support.members import member
 from tests.support.notes import NOW, SECOND, answer, entity, process, publisher, subscription
 

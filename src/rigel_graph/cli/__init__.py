@@ -1,0 +1,1 @@
+"""The command line: runs one action for the given words and prints its result."""

@@ -1,0 +1,89 @@
+"""Reads a release's ROS graph from its cluster: `read_graph`.
+
+Why one entry: a user of a graph (a picture of it, a comparison of two) is independent of a
+release's ROS version, and of how the graph is read. Nothing is written, and no node notices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+
+from rigel_graph.discovery.members import Member, members
+from rigel_graph.pods import (
+    GraphPod,
+    expected_nodes,
+    find_leaving,
+    mark_shared,
+    place_nodes,
+    read_pods,
+)
+from rigel_graph.types import SPAN, RosGraph
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.pods import list_pods
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.ros import Ros
+
+
+def read_graph(cluster: Cluster, release: ReleaseId, *, span: float = SPAN) -> RosGraph:
+    """Return the graph that a release's nodes are in, perhaps with others; this takes seconds.
+
+    Nodes that the release expects and that are missing are in it with `registered` False.
+
+    Args:
+        span: seconds between two readings, of which rates are made; 0 for no rates.
+
+    Raises:
+        UserError: nothing of the release is on the cluster.
+        ClusterError: the graph cannot be read; the message has the cause.
+    """
+    return read_graph_of(cluster, release, list_pods(cluster, release), span)
+
+
+def read_graph_of(
+    cluster: Cluster, release: ReleaseId, items: Sequence[dict[str, Any]], span: float
+) -> RosGraph:
+    """Return the graph of a release whose pods are listed already; as read_graph."""
+    own = {RELEASE_LABEL: release.name}
+    deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
+    pods, participants = read_pods(items), members(items)
+    if not pods:
+        raise UserError(
+            f"no pod of {release.name} is in the namespace {release.namespace}",
+            hint="`rigel status` shows what runs; -n names another namespace",
+        )
+    graph = read(choose_ros(pods, participants), cluster, pods, participants, span)
+    nodes = place_nodes(graph.nodes, pods, expected_nodes(deployments))
+    return attrs.evolve(
+        graph,
+        nodes=nodes,
+        topics=mark_shared(graph if span else graph.without_rates(), nodes, pods),
+        leaving=find_leaving(items),
+        span=span,
+    )
+
+
+def choose_ros(pods: Sequence[GraphPod], participants: Sequence[Member]) -> Ros:
+    """Return how a release's graph is read, by its pods and those in DDS."""
+    return next((pod.ros for pod in pods if bool(participants) == pod.ros.dds), pods[0].ros)
+
+
+def read(
+    ros: Ros, cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member], span: float
+) -> RosGraph:
+    """Return the graph: what the nodes have noted, what discovery finds, or what a master has."""
+    if ros.rmw:
+        from rigel_graph import ros2
+
+        return ros2.read(cluster, pods, members, span)
+    if ros.dds:
+        from rigel_graph import dds
+
+        return dds.read(cluster, pods, members)
+    from rigel_graph import ros1
+
+    return ros1.read(cluster, pods, span)

@@ -1,1 +1,0 @@
-"""What is seen and set of ROS in the running pods of a release."""

@@ -1463,10 +1463,13 @@ static void look_around(struct layer_file *own, const void *node) {
   release(&spaces);
 }
 
+#ifndef LOOK_AROUND_NS /* tests have another one */
 #define LOOK_AROUND_NS 3000000000ull
+#endif
 
 /* Count partners, by a thread that is about to wait: every second, and oftener in a process that
- * others wait for. */
+ * others wait for. A change means that nodes have come or gone: it looks for them this time and the
+ * next, since the name of a node may come after its entities. */
 static void count_partners(uint64_t at) {
   struct layer_file *own = atomic_load_explicit(&file, memory_order_acquire);
   if (!own) return;
@@ -1475,19 +1478,22 @@ static void count_partners(uint64_t at) {
   if (at - looked < every || !atomic_compare_exchange_strong(&own->looked, &looked, at)) return;
   compare_clocks();
   if (pthread_mutex_trylock(&mutex)) return;
-  bool has_looked = looked / LOOK_AROUND_NS == at / LOOK_AROUND_NS;
+  static int looks; /* that are due; mutex is held */
+  if (looked / LOOK_AROUND_NS != at / LOOK_AROUND_NS && !looks) looks = 1;
+  const void *node = NULL;
   EACH_PART(one) {
     const void *entity = one->address[ENTITY];
-    if (one->kind == LAYER_NODE && !has_looked) look_around(own, entity), has_looked = true;
+    if (one->kind == LAYER_NODE) node = entity;
     size_t number = 0;
     ret_t answer = RET_UNSUPPORTED;
     if (one->kind == LAYER_PUBLISHER)
       answer = CALL(rmw_publisher_count_matched_subscriptions, answer, entity, &number);
     else if (one->kind == LAYER_SUBSCRIPTION)
       answer = CALL(rmw_subscription_count_matched_publishers, answer, entity, &number);
-    if (answer == RET_OK && one->slot)
-      atomic_store_explicit(&one->slot->matched, number, memory_order_relaxed);
+    if (answer == RET_OK && one->slot && atomic_exchange(&one->slot->matched, number) != number)
+      looks = 2;
   }
+  if (looks && node) look_around(own, node), looks--;
   pthread_mutex_unlock(&mutex);
 }
 

@@ -23,7 +23,7 @@ from rigel_inpod.rmw_notes import (
     describe,
     read_all,
 )
-from tests.support.layer import LAYER, PROGRAMS, Built, Node, build, compile_c, name
+from tests.support.layer import LAYER, LAYER_WORDS, PROGRAMS, Built, Node, build, compile_c, name
 from tests.support.until import until
 from tests.unit.rmw.conftest import Start
 
@@ -185,6 +185,22 @@ def test_a_graph_of_more_than_256_nodes(node: Node) -> None:
     node.do("nodes 9000")
     until(lambda: len(find_seen()) > 1000, "more are discovered", every=0.1)
     assert names < find_seen() < {f"/robot/node_{number}" for number in range(9000)}
+
+
+def test_nodes_that_become_partners_are_noted_at_once(tmp_path: Path, start: Start) -> None:
+    """Not when it is time for a look around, which here is in an hour."""
+    seldom = compile_c(
+        tmp_path / "seldom.so", *LAYER_WORDS, "-DLOOK_AROUND_NS=(3600ull << 30)", LAYER
+    )
+    node = name(start(of=build(tmp_path, layer=seldom)))
+    node.do("create p /out 0")
+    for number in (1, 3):
+        node.do(f"nodes {number}")
+        node.do(f"match p /out {number}")
+        until(
+            lambda n=number: [len(one.seen) for one in node.notes.processes()] == [n],
+            "they are noted",
+        )
 
 
 def test_nodes_of_one_name_are_noted_one_by_one(node: Node) -> None:

@@ -4,10 +4,9 @@ Why: a deploy is over when its pods are ready, and yet a topic may have lost its
 graph is read only when an update replaces pods, before its first write and after its roll-out.
 Nodes need a moment to register and to be discovered again, so a worse graph is read again until it
 is better or the patience is over. When a roll-out is over, the new pods are ready, but the old ones
-may still be ending. Until their nodes have left the graph, it has their publishers, so it is read
-again in that case as well. This module is independent of application options; its caller decides
-what to do about a worse graph. The readers of a graph are imported when one is read: a deploy that
-changes nothing reads none.
+may still be ending. Until they have, the graph has their publishers, so they are waited for. This
+module is independent of application options; its caller decides what to do about a worse graph. The
+readers of a graph are imported when one is read: a deploy that changes nothing reads none.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION, denies_ros
 from rigel_k8s.objects.podnodes import split
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.text import plural
+from rigel_k8s.release.pods import list_pods
 from rigel_k8s.release.revisions import find_last_good
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
 LEAVING = 60.0  # seconds that the previous pods have to end; Kubernetes gives them 30 by default
 AGAIN = 1.0  # seconds between two looks
+SOON = 0.3  # the same at pods that are being terminated
 MOMENT = 5.0  # seconds that nodes have for their topics in a first deploy
 MOST = 20  # lines of a report
 #: Problems that names or types cause which do not fit.
@@ -158,20 +159,18 @@ class GraphWatch:
     def find_differences(self) -> Comparison | None:
         """Return the effect of the update on the graph; None if it was not, or cannot be, read.
 
-        It is compared again until it is not worse, at most for the patience and one look; the
-        patience begins when the nodes of the old pods have left the graph, or after LEAVING. Of
+        It is compared again until it is not worse, at most for the patience and one look. Of
         several rates of a topic the highest counts: one look is too short for slow topics.
         """
         if self._before is None:
             return None
         from rigel_graph.comparison import compare
 
-        begun = time.monotonic()
-        until = begun + self.patience
+        self.await_leaving()
+        until = time.monotonic() + self.patience
         highest: dict[str, float] = {}
         while True:
             found: Comparison | RigelK8sError
-            leaving: tuple[str, ...] = ()
             try:
                 after = read_graph(self.cluster, self.release, self.span)
             except RigelK8sError as error:
@@ -182,23 +181,35 @@ class GraphWatch:
                 lines = group_lines(self._broken)
                 found = compare(self._before, after, removed=self._removed, broken=lines)
                 state = next(iter(found.worse), "")
-                leaving = after.leaving
-            now = time.monotonic()
-            if leaving and now < begun + LEAVING:
-                state = state or f"{leaving[0]} is still in a pod that is being terminated"
-                until = now + self.patience
-            elif not state or now >= until:
+            if not state or time.monotonic() >= until:
                 break
-            given = f"{self.patience:.0f} s are given for that"
-            self.reporter.progress("ROS graph", f"{state}; {given}")
-            if self.cancel.wait(AGAIN):
-                raise Interrupted(
-                    "stopped while comparing the ROS graph; what was applied stays on the cluster"
-                )
+            self._pause(state, AGAIN)
         if isinstance(found, RigelK8sError):
             self._warn("cannot be compared", found)
             return None
         return found
+
+    def await_leaving(self) -> None:
+        """Wait until the old pods have ended, at most for LEAVING: their nodes go with them."""
+        from rigel_graph.pods import find_leaving
+
+        until = time.monotonic() + LEAVING
+        while time.monotonic() < until:
+            try:
+                leaving = find_leaving(list_pods(self.cluster, self.release))
+            except RigelK8sError:  # reading the graph reports why
+                return
+            if not leaving:
+                return
+            self._pause(f"{leaving[0]} is still in a pod that is being terminated", SOON)
+
+    def _pause(self, state: str, seconds: float) -> None:
+        given = f"{self.patience:.0f} s are given for that"
+        self.reporter.progress("ROS graph", f"{state}; {given}")
+        if self.cancel.wait(seconds):
+            raise Interrupted(
+                "stopped while comparing the ROS graph; what was applied stays on the cluster"
+            )
 
     def find_broken(self, after: RosGraph) -> list[Verdict]:
         """Return what is not as expected now, and was before the update."""

@@ -27,38 +27,59 @@ def test_of_several_looks_the_highest_rate_counts() -> None:
     assert rates == [[0.0, None], [1.0, None], [1.0, None], [1.0, None]]
 
 
-def watch_graphs(monkeypatch: pytest.MonkeyPatch, *graphs: RosGraph) -> watching.GraphWatch:
-    """Return a watch that reads these graphs: before the update, then one look after the other."""
-    looks = iter(graphs)
-    monkeypatch.setattr(watching, "AGAIN", 0.01)
-    monkeypatch.setattr(watching, "read_graph", lambda *_: next(looks))
+def watch_graphs(
+    monkeypatch: pytest.MonkeyPatch, looks: list[RosGraph], pods: list[list[dict[str, Any]]]
+) -> watching.GraphWatch:
+    """Return a watch that reads these graphs: before the update, then one look after the other.
+
+    Args:
+        pods: the release's, look after look; the last ones stay.
+    """
+    monkeypatch.setattr(watching, "SOON", 0.01)
+    monkeypatch.setattr(watching, "list_pods", lambda *_: pods.pop(0) if pods[1:] else pods[0])
+    monkeypatch.setattr(watching, "read_graph", lambda *_: looks.pop(0))
     cluster: Any = None
     reporter: Any = Mock()
     watch = watching.GraphWatch(cluster, RELEASE, reporter, threading.Event(), patience=0.0)
-    watch._before = next(looks)
+    watch._before = looks.pop(0)
     return watch
 
 
-def talking(*publishers: str, leaving: tuple[str, ...] = ()) -> RosGraph:
+def talking(*publishers: str) -> RosGraph:
     node = GraphNode("/talker", pod="talker-1", workload="talker")
     topics = (GraphTopic("/chatter", "std_msgs/String", publishers),) if publishers else ()
-    return RosGraph((node,), topics, leaving=leaving)
+    return RosGraph((node,), topics)
 
 
-def test_the_old_nodes_leave_before_the_graph_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+ENDING = {
+    "metadata": {
+        "name": "old-1",
+        "namespace": "robots",
+        "labels": {"app.kubernetes.io/name": "old"},
+        "annotations": {"rigel-k8s/ros-name": "/old"},
+        "deletionTimestamp": "2026-01-01T00:00:00Z",
+    },
+    "spec": {"containers": [{"name": "ros-node"}]},
+    "status": {},
+}
+
+
+def test_the_old_nodes_leave_before_the_graph_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     """A new pod is ready, and what the old one publishes is still there: it goes with it."""
-    full, gone = talking("/talker"), talking()
-    watch = watch_graphs(monkeypatch, full, talking("/talker", leaving=("/talker",)), gone)
+    pods: list[list[dict[str, Any]]] = [[ENDING], [ENDING], []]
+    watch = watch_graphs(monkeypatch, [talking("/talker"), talking()], pods)
     found = watch.find_differences()
+    assert pods == [[]]
     assert found is not None
     assert [line for line in found.worse if "/chatter" in line]
+    waits = "/old is still in a pod that is being terminated; 0 s are given for that"
+    watch.reporter.progress.assert_called_with("ROS graph", waits)  # type: ignore[attr-defined]
 
 
 def test_pods_that_never_end_are_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their machine may be away."""
-    monkeypatch.setattr(watching, "LEAVING", 0.0)
-    full = talking("/talker")
-    watch = watch_graphs(monkeypatch, full, talking("/talker", leaving=("/talker",)))
+    monkeypatch.setattr(watching, "LEAVING", 0.1)
+    watch = watch_graphs(monkeypatch, [talking("/talker"), talking("/talker")], [[ENDING]])
     found = watch.find_differences()
     assert found is not None
     assert found.worse == ()

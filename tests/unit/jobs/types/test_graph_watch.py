@@ -136,7 +136,8 @@ def test_notes_from_before_a_look_that_failed_are_not_used_again(
     bare: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They may be a minute old: the check of discovery reads its own."""
-    looks = [RosGraph(leaving=("/old",), notes={"lidar-1/node": {}})]
+    nodes = (GraphNode("/lidar", "n1", "lidar-1", "lidar"),)
+    looks = [RosGraph(nodes, notes={"lidar-1/node": {}})]
 
     def read(*_: Any, **__: Any) -> RosGraph:
         if not looks:
@@ -145,7 +146,7 @@ def test_notes_from_before_a_look_that_failed_are_not_used_again(
 
     monkeypatch.setattr("rigel_graph.reading.read_graph", read)
     watch = watching.GraphWatch(bare.fake, RELEASE, bare.report, bare.cancel)  # type: ignore[arg-type]
-    watch._before = RosGraph()
+    watch._before = RosGraph(nodes, (GraphTopic("/scan", "T", ("/lidar",)),))
     assert watch.find_differences() is None
     assert watch.notes == {}
 

@@ -339,6 +339,10 @@ class Keeper(object):
 
     def _try(self, now):
         self.tried = self.names.addresses
+        if self.tried is not None:  # a pod that has gone does not refuse: it is silent
+            for link in [one for one in self.links.values() if one.connecting]:
+                if link.endpoint[0] not in self.tried:
+                    self._close(now, link)
         busy = {link.endpoint for link in self.links.values()}
         self.avoided = {place: end for place, end in self.avoided.items() if end > now}
         for address in self.tried or []:

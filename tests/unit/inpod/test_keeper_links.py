@@ -68,7 +68,8 @@ def closing_all(make: Callable[[], Any]) -> Iterator[Callable[[], Any]]:
 
     yield begin
     for one in made:
-        one.listener.close()
+        for sock in (one.listener, *(link.sock for link in one.links.values())):
+            sock.close()
 
 
 def test_a_new_pod_waits_for_the_name_service(keeper: Callable[[], Any], tmp_path: Path) -> None:
@@ -79,6 +80,20 @@ def test_a_new_pod_waits_for_the_name_service(keeper: Callable[[], Any], tmp_pat
         assert not new.settled
     assert "Temporary failure in name resolution" in (tmp_path / "progress").read_text()
     new._look(new.begun + 31)
+    assert new.settled
+
+
+def test_an_address_that_is_no_longer_named_is_not_waited_for(keeper: Callable[[], Any]) -> None:
+    """The name service has that of a pod that has gone for some seconds; nothing answers there."""
+    new = keeper()
+    new.names.addresses = ["127.0.0.8", "127.0.0.9"]
+    new._look(new.begun + 3)
+    assert not new.settled
+    new.names.addresses = ["127.0.0.9"]
+    new._look(new.begun + 4)
+    assert {link.endpoint[0] for link in new.links.values()} == {"127.0.0.9"}
+    new.names.addresses = []
+    new._look(new.begun + 5)
     assert new.settled
 
 

@@ -15,6 +15,7 @@ from rigel_graph.discovery.members import Member, members
 from rigel_graph.pods import (
     GraphPod,
     expected_nodes,
+    find_leaving,
     mark_shared,
     place_nodes,
     read_pods,
@@ -61,6 +62,7 @@ def read_graph_of(
         graph,
         nodes=nodes,
         topics=mark_shared(graph if span else graph.without_rates(), nodes, pods),
+        leaving=find_leaving(items),
         span=span,
     )
 

@@ -128,6 +128,8 @@ class RosGraph:
     addresses and rates, which differ after each restart, do not count.
 
     Attributes:
+        leaving: the names of nodes whose pods are being terminated. What they publish may be in
+            the graph until they have ended.
         span: seconds over which the rates were measured, 0 if they are exact or there are none.
         notes: POD/CONTAINER -> what the processes of ROS 2 noted, `first` and `second`.
     """
@@ -135,6 +137,7 @@ class RosGraph:
     nodes: tuple[GraphNode, ...] = ()
     topics: tuple[GraphTopic, ...] = ()
     services: tuple[GraphService, ...] = ()
+    leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
     span: float = attrs.field(default=0.0, eq=False)
     notes: Mapping[str, Mapping[str, Any]] = attrs.field(factory=dict, eq=False, repr=False)
 

@@ -154,6 +154,7 @@ def update(expectation: Expectation, before: RosGraph, after: RosGraph) -> list[
     watch = GraphWatch(cluster, ReleaseId("n", "lab"), report, Event(), 0.0, expected)
     watch._before = before
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(watching, "list_pods", lambda *_: [])
         patch.setattr(watching, "read_graph", lambda *_: after)
         watch.report()
     return report.warnings

@@ -124,10 +124,16 @@ class Lab:
     def verdict(self, caller: Pod, numbers: Sequence[int] = range(FIRST_OF_C)) -> Verdict:
         """Return what became of the caller's calls, messages and goals, which have such numbers."""
         assert caller.process.poll() is None, caller.output.read_text()
-        workers = "".join(p.output.read_text() for p in self.pods if p is not caller)
+        workers = "".join(read_lines(p) for p in self.pods if p is not caller)
         its = [w for w in workers.splitlines() if w.split()[-1:] and w.split()[-1].isdigit()]
         its = [line for line in its if int(line.split()[-1]) in numbers]
-        return judge(caller.output.read_text(), "\n".join(its))
+        return judge(read_lines(caller), "\n".join(its))
+
+
+def read_lines(pod: Pod) -> str:
+    """Return its whole lines: it may be about to write another one."""
+    text = pod.output.read_text()
+    return text[: text.rfind("\n") + 1]
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ def test_the_image_is_there_before_the_old_pod_ends(
             "v1", "Pod", make.namespace, seconds=120, cancel=over, listed=listed.set
         )
         for event in watch:
-            seen.extend(describe(event.object, old))
+            seen.extend(describe(event, old))
 
     thread = threading.Thread(target=follow)
     thread.start()
@@ -43,7 +43,7 @@ def test_the_image_is_there_before_the_old_pod_ends(
     finally:
         over.set()
         thread.join()
-    assert list(dict.fromkeys(seen)) == ["pulled", "old pod ends"]
+    assert list(dict.fromkeys(seen)) == ["pull ends", "old pod ends"]
     node = admin.nodes()[0]["metadata"]["name"]
     assert [state for state in report.states if state[0] == node] == [
         (node, f"pulls {image} before the update", False),
@@ -55,10 +55,9 @@ def test_the_image_is_there_before_the_old_pod_ends(
     assert "already present" in message
 
 
-def describe(pod: Any, old: str) -> list[str]:
+def describe(event: Any, old: str) -> list[str]:
     """Return what has happened to the old pod, or to one that pulls."""
-    if pod["metadata"]["uid"] == old:
-        return ["old pod ends"] if pod["metadata"].get("deletionTimestamp") else []
-    states = pod["status"].get("containerStatuses") or []
-    pulls = PULL_LABEL in pod["metadata"]["labels"]
-    return ["pulled"] if pulls and any(one["imageID"] for one in states) else []
+    meta = event.object["metadata"]
+    if meta["uid"] == old:
+        return ["old pod ends"] if meta.get("deletionTimestamp") else []
+    return ["pull ends"] if PULL_LABEL in meta["labels"] and event.type == "DELETED" else []

@@ -48,22 +48,29 @@ class LogEnd:
 
     def follow(self) -> None:
         with suppress(RigelK8sError, OSError, ValueError, AttributeError):  # refused, or aborted
-            what = f"follow the log of {self.pod}"
-            query = {"container": self.container, "tailLines": "0"}
-            url = self.client.path_of(self.pod, what, subresource="log", query=query)
-            transport, asked = self.client.transport, time.monotonic()
-            self.client.raise_for(transport.request("GET", url, what), what)
-            answer = time.monotonic() - asked
-            self.connection = transport.connect(what)
-            self.seconds = max(self.seconds, ANSWERS * answer)
-            self.begun = time.monotonic()
-            url = f"{url}&follow=true"
-            stream = transport.stream_on(self.connection, url, what, timeout=None, patience=None)
-            if isinstance(stream, Stream) and not self.aborted:
-                for _ in stream.lines():
-                    pass
-                self.ended = stream.ended and not self.aborted
+            self.ended = self.read()
         self.over = True
+
+    def read(self) -> bool:
+        """Return whether the log has ended, when nothing more comes."""
+        what = f"follow the log of {self.pod}"
+        query = {"container": self.container, "tailLines": "0"}
+        url = self.client.path_of(self.pod, what, subresource="log", query=query)
+        transport, asked = self.client.transport, time.monotonic()
+        self.client.raise_for(transport.request("GET", url, what), what)
+        self.seconds = max(self.seconds, ANSWERS * (time.monotonic() - asked))
+        self.connection = transport.connect(what)
+        if self.aborted:  # before there was a connection to shut down
+            self.connection.close()
+            return False
+        self.begun = time.monotonic()
+        url = f"{url}&follow=true"
+        stream = transport.stream_on(self.connection, url, what, timeout=None, patience=None)
+        if not isinstance(stream, Stream):
+            return False
+        for _ in stream.lines():
+            pass
+        return stream.ended and not self.aborted
 
     def abort(self) -> None:
         """Stop following; the API server's answer may not have begun yet."""

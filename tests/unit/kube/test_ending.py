@@ -93,6 +93,26 @@ def test_a_container_runs_while_its_log_goes_on(
         assert not log.ended
 
 
+def test_what_is_aborted_before_there_is_a_connection_ends(serve: Any) -> None:
+    """A quiet container's log would keep its thread for ever."""
+    asked, go_on, over = threading.Event(), threading.Event(), threading.Event()
+
+    def kubelet(exchange: Exchange) -> None:
+        if "follow" in exchange.request_.query:
+            over.wait(60)
+        asked.set()
+        go_on.wait(60)
+        exchange.say(200)
+
+    log = serve(kubelet)[0].follow_end(*CONTAINER, seconds=SECONDS)
+    assert asked.wait(60)
+    log.abort()
+    go_on.set()
+    until(lambda: log.over, "the thread's end", 20, every=0.01)
+    assert not log.ended
+    over.set()
+
+
 def test_a_slow_machine_gets_the_time_to_tell_of_an_end(
     follow: Any, clock: Clock, over: threading.Event
 ) -> None:

@@ -40,9 +40,9 @@ ALONE = 1.0  # the same, and for all else that is due, of one that works and has
 GRACE = 0.15  # seconds in which a keeper that has ended may be there again
 DEFER = 1.0  # seconds for which a better candidate may begin to work
 SETTLE = 1.0  # seconds that partners have to find a node, after it has found them
-#: The same for those that may be new versions, which wait, too: with static peers they do not find
-#: it before one of the two works.
-PAIRED = 2.0
+PAIRED = (
+    5.0  # the same for those that may be new versions which wait, too: they may not find it yet
+)
 MATCH = 30.0  # seconds for which a fit pod waits until its nodes and partners are all there
 GROWN = 5.0  # seconds after the newest topic or service for which one of the old pod's is awaited
 RECENT = 2.0  # seconds since a message of one that this pod hears, and that the next must hear, too

@@ -304,8 +304,7 @@ def follow(
 
 def find_begun(view: ReleaseView, live: Mapping[ObjectRef, Manifest]) -> set[ObjectRef]:
     """Return the pods whose kubelet has begun to pull; without events, those that it has seen."""
-    events = [one for one in view.objects[EVENT].values() if one.get("reason") == PULLING]
-    pulling = {event["involvedObject"].get("uid") for event in events}
+    pulling = {about.get("uid") for about in list_about(view, PULLING)}
     blind = EVENT in view.refused
     return {
         ref
@@ -321,14 +320,16 @@ def find_pulled(view: ReleaseView, pod: Manifest) -> set[str]:
     An event comes at once; the pod's status follows when the kubelet looks at containers again,
     once a second.
     """
-    about = [
-        event["involvedObject"]
-        for event in view.objects[EVENT].values()
-        if event.get("reason") == PULLED
-        and event["involvedObject"].get("uid") == pod["metadata"]["uid"]
-    ]
-    found = [re.fullmatch(r"spec\.containers\{(.+)\}", one.get("fieldPath") or "") for one in about]
+    uid = pod["metadata"]["uid"]
+    own = [about for about in list_about(view, PULLED) if about.get("uid") == uid]
+    found = [re.fullmatch(r"spec\.containers\{(.+)\}", one.get("fieldPath") or "") for one in own]
     return {match[1] for match in found if match}
+
+
+def list_about(view: ReleaseView, reason: str) -> list[Manifest]:
+    """Return what the events with a reason are about."""
+    events = view.objects[EVENT].values()
+    return [event["involvedObject"] for event in events if event.get("reason") == reason]
 
 
 def find_causes(pod: Manifest) -> Iterator[Cause]:

@@ -45,6 +45,7 @@ ROS 2's layer, a library in the node's processes (rigel_rmw):
 
 rmw.sh         starts a program with it, and the keeper beside it
 keeper.py, handover.py     agree with the workload's other pods which of them works (3.6)
+lean.py        runs them in less memory (3.6)
 rates.py       how often the node publishes where that counts (3.6)
 rmw_notes.py   reads what it notes, and sets what the processes may do (3.6)
 
@@ -80,6 +81,7 @@ _NAMES = (
     "join.py",
     "keep.sh",
     "keeper.py",
+    "lean.py",
     "loading.py",
     "memory.py",
     "nodelets.py",

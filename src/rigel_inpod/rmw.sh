@@ -30,7 +30,7 @@ load() {
 keep() {
   export RIGEL_K8S_EXEC=1
   case $line in *"$folder/beside.sh "*) export RIGEL_RMW_BESIDE=1 ;; esac
-  until python3 -S -E -B "$folder/keeper.py" run </dev/null; do sleep 1; done
+  until python3 -S -E -B "$folder/lean.py" "$folder/keeper.py" run </dev/null; do sleep 1; done
 }
 
 line=$*

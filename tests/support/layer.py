@@ -124,5 +124,5 @@ def start_keeper(
         "RIGEL_K8S_PEERS_PORT": str(port),
         **more,
     }
-    line = [sys.executable, "-S", "-E", "-B", str(script), "run"]
+    line = [sys.executable, "-S", "-E", "-B", str(script.parent / "lean.py"), str(script), "run"]
     return environ, subprocess.Popen(line, env=environ, stdout=subprocess.PIPE, text=True)

@@ -23,8 +23,8 @@ LIBRARY = f"rmw-{platform.machine()}.so"
 #: Stands for Python: notes how it was called, and ends as the file says.
 PYTHON = """#!/bin/sh
 while [ "${1#-}" != "$1" ]; do shift; done
-beside=${RIGEL_RMW_BESIDE:+ beside}
-echo "${1##*/} $2 $RIGEL_K8S_EXEC ${RIGEL_RMW_MODE:-} [${LD_PRELOAD:-}]$beside" >>"$LOG/calls"
+beside=${RIGEL_RMW_BESIDE:+ beside} script="${1##*/} ${2##*/}"
+echo "$script $3 $RIGEL_K8S_EXEC ${RIGEL_RMW_MODE:-} [${LD_PRELOAD:-}]$beside" >>"$LOG/calls"
 [ ! -e "$LOG/fails" ] || { rm "$LOG/fails" && exit 1; }
 """
 
@@ -89,13 +89,13 @@ def test_the_keeper_knows_of_a_script_beside_the_program(container: Container) -
     shutil.copy(ROOM / "beside.sh", container.home)
     line = ["/bin/sh", str(container.home / "beside.sh"), "none.py", "--", *PRINT]
     assert "beside" not in container.start(*line)
-    assert any(call.startswith("keeper.py") and "beside" in call for call in container.calls(2))
+    assert any("keeper.py run" in call and "beside" in call for call in container.calls(2))
 
 
 def test_a_program_has_the_layer_and_its_keeper_has_not(container: Container) -> None:
     """Its children inherit it; nothing says that it is a helper of ours."""
     assert container.start(*PRINT) == f"{container.home}/{LIBRARY}  \n"
-    assert container.calls(1) == ["keeper.py run 1  []"]
+    assert container.calls(1) == ["lean.py keeper.py run 1  []"]
     assert oct(container.notes.stat().st_mode & 0o777) == "0o777", "any user's process writes there"
 
 
@@ -109,7 +109,7 @@ def test_a_library_of_the_users_stays_behind_ours(container: Container) -> None:
 def test_a_pod_that_hands_over_begins_to_wait(container: Container) -> None:
     """A node never works before its keeper says so."""
     assert container.start(*PRINT, RIGEL_K8S_PEERS="n-pods").split()[1:] == ["wait"]
-    assert container.calls(1) == ["keeper.py run 1 wait []"]
+    assert container.calls(1) == ["lean.py keeper.py run 1 wait []"]
 
 
 def test_a_keeper_that_fails_is_started_again(container: Container) -> None:
@@ -162,7 +162,7 @@ def test_each_shell_of_an_image_starts_it_with_the_layer(container: Container, s
         pytest.skip(f"{sh} is not installed")
     before = in_image(found, "/bin/sh")
     assert container.start(*PRINT, before=before).split() == [f"{container.home}/{LIBRARY}"]
-    assert container.calls(1) == ["keeper.py run 1  []"]
+    assert container.calls(1) == ["lean.py keeper.py run 1  []"]
 
 
 def test_in_an_image_of_musl_the_program_runs_without_it(container: Container) -> None:

@@ -54,7 +54,7 @@ def test_shell_syntax(name: str, shell: str):
 #: For ROS 2 and plain DDS, whose images have Python 3.
 DDS = {
     *("components.py", "dds_local.py", "dds_ready.py", "handover.py", "interfaces.py", "keeper.py"),
-    *("join.py", "rmw_notes.py", "rmw_ready.py", "rtps.py", "spdp.py", "transitions.py"),
+    *("join.py", "lean.py", "rmw_notes.py", "rmw_ready.py", "rtps.py", "spdp.py", "transitions.py"),
     *("sent/notes.py", "sent/ros2_tools.py"),
 }
 #: Beside a lifecycle node only, whose image has them.
@@ -66,6 +66,7 @@ MORE = {
     "globalparameters.py": {"hashlib", "json", "signal"},
     "join.py": {"json", "select", "threading"},
     "keeper.py": {"errno", "json", "select", "signal", "threading"},
+    "lean.py": {"marshal"},
     "loading.py": {"json", "signal"},
     "nodelets.py": {"xmlrpc.client", "xmlrpclib"},
     "record.py": {"__future__", "json", "re", "shutil", "signal", "subprocess"},
@@ -123,6 +124,26 @@ def imported(text: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and not node.level:  # the exporter's way
             found.add(str(node.module))
     return found
+
+
+def test_the_keeper_is_compiled_with_all_that_it_imports(script: Callable[[str], ModuleType]):
+    """In an order in which each finds what it imports."""
+    own, needed = {name.removesuffix(".py") for name in scripts()}, ["keeper"]
+    for name in needed:
+        text = scripts()[f"{name}.py"]
+        needed += sorted(imported(text) & own - set(needed))
+    order = script("lean").SCRIPTS
+    assert set(order) == set(needed)
+    for index, name in enumerate(order):
+        assert imported(scripts()[f"{name}.py"]) & own <= set(order[:index]), name
+
+
+@pytest.mark.programs
+def test_the_keeper_runs_on_the_oldest_python(tmp_path: Path, python36: str):
+    """Its child compiles it."""
+    line = [python36, "-S", "-E", "-B", str(ROOM / "lean.py"), str(ROOM / "keeper.py"), "state"]
+    done = subprocess.run(line, capture_output=True, text=True, env={"RIGEL_RMW": str(tmp_path)})
+    assert (done.returncode, done.stdout, done.stderr) == (1, "has not started yet\n", "")
 
 
 @pytest.mark.programs

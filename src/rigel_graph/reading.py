@@ -29,40 +29,50 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.ros import Ros
 
 
-def read_graph(cluster: Cluster, release: ReleaseId, *, span: float = SPAN) -> RosGraph:
+@attrs.frozen
+class Listed:
+    """A release's pods and Deployments, as the API server returned them."""
+
+    pods: Sequence[dict[str, Any]]
+    deployments: Sequence[dict[str, Any]]
+
+
+def list_objects(cluster: Cluster, release: ReleaseId) -> Listed:
+    """Return what runs now: a graph of it can be read while an update begins."""
+    own = {RELEASE_LABEL: release.name}
+    deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
+    return Listed(list_pods(cluster, release), deployments)
+
+
+def read_graph(
+    cluster: Cluster, release: ReleaseId, *, span: float = SPAN, listed: Listed | None = None
+) -> RosGraph:
     """Return the graph that a release's nodes are in, perhaps with others; this takes seconds.
 
     Nodes that the release expects and that are missing are in it with `registered` False.
 
     Args:
         span: seconds between two readings, of which rates are made; 0 for no rates.
+        listed: what the release has, if that is known.
 
     Raises:
         UserError: nothing of the release is on the cluster.
         ClusterError: the graph cannot be read; the message has the cause.
     """
-    return read_graph_of(cluster, release, list_pods(cluster, release), span)
-
-
-def read_graph_of(
-    cluster: Cluster, release: ReleaseId, items: Sequence[dict[str, Any]], span: float
-) -> RosGraph:
-    """Return the graph of a release whose pods are listed already; as read_graph."""
-    own = {RELEASE_LABEL: release.name}
-    deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
-    pods, participants = read_pods(items), members(items)
+    listed = listed or list_objects(cluster, release)
+    pods, participants = read_pods(listed.pods), members(listed.pods)
     if not pods:
         raise UserError(
             f"no pod of {release.name} is in the namespace {release.namespace}",
             hint="`rigel status` shows what runs; -n names another namespace",
         )
     graph = read(choose_ros(pods, participants), cluster, pods, participants, span)
-    nodes = place_nodes(graph.nodes, pods, expected_nodes(deployments))
+    nodes = place_nodes(graph.nodes, pods, expected_nodes(listed.deployments))
     return attrs.evolve(
         graph,
         nodes=nodes,
         topics=mark_shared(graph if span else graph.without_rates(), nodes, pods),
-        leaving=find_leaving(items),
+        leaving=find_leaving(listed.pods),
         span=span,
     )
 

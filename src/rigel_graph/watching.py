@@ -1,9 +1,10 @@
 """Compares a release's ROS graph before and after an update: `GraphWatch`.
 
 Why: a deploy is over when its pods are ready, and yet a topic may have lost its publisher. The
-graph is read only when an update replaces pods, before its first write and after its roll-out.
-Nodes need a moment to register and to be discovered again, so a worse graph is read again until it
-is better or the patience is over. When a roll-out is over, the new pods are ready, but the old ones
+graph is read only when an update replaces pods, before its first write and after its roll-out. If
+old nodes of ROS 2 work until new ones, which wait, take over, it is read while these start. Nodes
+need a moment to register and to be discovered again, so a worse graph is read again until it is
+better or the patience is over. When a roll-out is over, the new pods are ready, but the old ones
 may still be ending. Until they have, the graph has their publishers, so they are waited for. This
 module is independent of application options; its caller decides what to do about a worse graph. The
 readers of a graph are imported when one is read: a deploy that changes nothing reads none.
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from rigel_exporter.expecting import Expected
     from rigel_graph.comparison import Comparison
     from rigel_graph.expectations import Verdict
+    from rigel_graph.reading import Listed
     from rigel_graph.types import RosGraph
 
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
@@ -43,6 +45,8 @@ MOMENT = 5.0  # seconds that nodes have for their topics in a first deploy
 MOST = 20  # lines of a report
 #: Problems that names or types cause which do not fit.
 MISFITS = ("no-publisher", "type")
+#: A variable of containers whose nodes wait for the old ones, and take over.
+HANDS_OVER = "RIGEL_K8S_PEERS"
 WORKLOADS = ("DaemonSet", "Deployment", "StatefulSet")
 
 
@@ -74,6 +78,7 @@ class GraphWatch:
     last_good: int | None = None
     _first: bool = False
     _before: RosGraph | None = None
+    _reading: threading.Thread | None = None
     _removed: frozenset[str] = frozenset()
     _broken: list[Verdict] = attrs.field(factory=list)
 
@@ -97,7 +102,20 @@ class GraphWatch:
             return
         self.reporter.progress("ROS graph", "being read before the update")
         try:
-            self._before = read_graph(self.cluster, self.release, self.span)
+            listed = list_objects(self.cluster, self.release)
+        except RigelK8sError as error:
+            self._warn("is not compared", error)
+            return
+        if all(map(works_on, plan.changes)):
+            self._reading = threading.Thread(target=self._read, args=(plan, listed), daemon=True)
+            self._reading.start()
+        else:
+            self._read(plan, listed)
+
+    def _read(self, plan: Plan, listed: Listed) -> None:
+        """Read the graph before the update."""
+        try:
+            self._before = read_graph(self.cluster, self.release, self.span, listed)
         except RigelK8sError as error:
             self._warn("is not compared", error)
             return
@@ -162,6 +180,9 @@ class GraphWatch:
         It is compared again until it is not worse, at most for the patience and one look. Of
         several rates of a topic the highest counts: one look is too short for slow topics.
         """
+        while self._reading is not None and self._reading.is_alive():
+            self._reading.join(SOON)
+            self._pause("still being read before the update", 0.0)
         if self._before is None:
             return None
         from rigel_graph.comparison import compare
@@ -183,7 +204,7 @@ class GraphWatch:
                 state = next(iter(found.worse), "")
             if not state or time.monotonic() >= until:
                 break
-            self._pause(state, AGAIN)
+            self._pause(f"{state}; {self.patience:.0f} s are given for that", AGAIN)
         if isinstance(found, RigelK8sError):
             self._warn("cannot be compared", found)
             return None
@@ -201,11 +222,11 @@ class GraphWatch:
                 return
             if not leaving:
                 return
-            self._pause(f"{leaving[0]} is still in a pod that is being terminated", SOON)
+            state = f"{leaving[0]} is still in a pod that is being terminated"
+            self._pause(f"{state}; {LEAVING:.0f} s are given for that", SOON)
 
     def _pause(self, state: str, seconds: float) -> None:
-        given = f"{self.patience:.0f} s are given for that"
-        self.reporter.progress("ROS graph", f"{state}; {given}")
+        self.reporter.progress("ROS graph", state)
         if self.cancel.wait(seconds):
             raise Interrupted(
                 "stopped while comparing the ROS graph; what was applied stays on the cluster"
@@ -241,11 +262,20 @@ def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
     return (*lines[: MOST - 1], f"and {len(lines) - MOST + 1} more; `rigel graph` shows all")
 
 
-def read_graph(cluster: Cluster, release: ReleaseId, span: float) -> RosGraph:
-    """Return a release's graph; what reads it is imported here, see above."""
-    from rigel_graph.reading import read_graph as read
+def list_objects(cluster: Cluster, release: ReleaseId) -> Listed:
+    """Return what a release has now."""
+    from rigel_graph import reading
 
-    return read(cluster, release, span=span)
+    return reading.list_objects(cluster, release)
+
+
+def read_graph(
+    cluster: Cluster, release: ReleaseId, span: float, listed: Listed | None = None
+) -> RosGraph:
+    """Return a release's graph; what reads it is imported here, see above."""
+    from rigel_graph import reading
+
+    return reading.read_graph(cluster, release, span=span, listed=listed)
 
 
 def keep_highest(graph: RosGraph, highest: dict[str, float]) -> RosGraph:
@@ -264,6 +294,16 @@ def changes_pods(step: Step) -> bool:
     if step.action != "change" or step.live is None or step.result is None:
         return True
     return bool(step.live.get("spec") != step.result.get("spec"))
+
+
+def works_on(step: Step) -> bool:
+    """Whether a step ends no node before another one, which waits first, takes over from it."""
+    if not changes_pods(step) or step.action == "create":
+        return True
+    if step.result is None or count_pods(step.result) < count_pods(step.live):
+        return False
+    containers = step.result["spec"]["template"]["spec"]["containers"]
+    return any(env["name"] == HANDS_OVER for one in containers for env in one.get("env") or ())
 
 
 def uses_ros(plan: Plan) -> bool:

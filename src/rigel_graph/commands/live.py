@@ -9,7 +9,7 @@ import attrs
 
 from rigel_graph.discovery.members import members
 from rigel_graph.pods import read_pods
-from rigel_graph.reading import choose_ros, read_graph_of
+from rigel_graph.reading import choose_ros, list_objects, read_graph
 from rigel_graph.tools import ROS1, ROS2, CannotRun, Tool
 from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.commands.pods import Pod, find_matching, no_node_error, pod_of
@@ -17,7 +17,6 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.podnodes import split_all
 from rigel_k8s.objects.pods import MASTER_NAME
-from rigel_k8s.release.pods import list_pods
 from rigel_k8s.rigelfile import name_nearest
 
 TRIED = 4  # pods, of different nodes, until none is expected to have what the others lack
@@ -137,10 +136,10 @@ class Live:
 
 def open_live(found: Release) -> Live:
     """Return what runs of a connected release. Raises as read_graph."""
-    items = list_pods(found.cluster, found.id)
-    graph = read_graph_of(found.cluster, found.id, items, span=0.0)
-    ros = choose_ros(read_pods(items), members(items))
-    return Live(found, [pod_of(item) for item in split_all(items)], graph, ros.name)
+    listed = list_objects(found.cluster, found.id)
+    graph = read_graph(found.cluster, found.id, span=0.0, listed=listed)
+    ros = choose_ros(read_pods(listed.pods), members(listed.pods))
+    return Live(found, [pod_of(item) for item in split_all(listed.pods)], graph, ros.name)
 
 
 def order_pods(pods: Sequence[Pod], preferred: Collection[tuple[str, str]]) -> list[Pod]:

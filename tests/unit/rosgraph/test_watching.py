@@ -72,7 +72,7 @@ def test_the_old_nodes_leave_before_the_graph_is_read(monkeypatch: pytest.Monkey
     assert pods == [[]]
     assert found is not None
     assert [line for line in found.worse if "/chatter" in line]
-    waits = "/old is still in a pod that is being terminated; 0 s are given for that"
+    waits = "/old is still in a pod that is being terminated; 60 s are given for that"
     watch.reporter.progress.assert_called_with("ROS graph", waits)  # type: ignore[attr-defined]
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import attrs
 import pytest
 
-from rigel_graph import idle, watching
+from rigel_graph import idle, reading, watching
 from rigel_graph.discovery import check as discovery
+from rigel_graph.reading import Listed
 from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_graph.watching import GraphWorse
 from rigel_k8s import deploy as deploys
@@ -25,6 +26,7 @@ from tests.support.clock import Clock, Waits
 from tests.support.fake_cluster import FakeCluster
 from tests.support.options import options
 from tests.support.recorder import Recorder
+from tests.support.rosgraph import until
 
 RELEASE = ReleaseId("n", "rigel-k8s-application")
 IMAGE = "lab/app@sha256:" + "ab" * 32
@@ -43,6 +45,7 @@ class World:
         failures: what the next readings of the graph fail with, None for one that does not.
         readings: how often the graph was read.
         stop_after: the reading at which Ctrl-C is pressed.
+        at_first: what is called when the graph is read before an update.
     """
 
     fake: FakeCluster
@@ -52,17 +55,22 @@ class World:
     cancel: Waits = attrs.field(factory=lambda: Waits(Clock()))
     readings: int = 0
     stop_after: int = 0
+    at_first: Callable[[], None] = lambda: None
 
-    def read_graph(self, cluster: Any, release: ReleaseId, *, span: float) -> RosGraph:
-        """Return the graph that the release's Deployments make."""
+    def read_graph(
+        self, cluster: Any, release: ReleaseId, *, span: float, listed: Listed | None = None
+    ) -> RosGraph:
+        """Return the graph that the release's Deployments make, listed before or now."""
         assert (cluster, release) == (self.fake, RELEASE)
         self.readings += 1
+        if self.readings == 1:
+            self.at_first()
         if self.readings == self.stop_after:
             self.cancel.set()
         if self.failures and (failure := self.failures.pop(0)):
             raise failure
         nodes, ends = [], {"PUBLISHES": {}, "SUBSCRIBES": {}}  # type: ignore[var-annotated]
-        for name, env, ros_name in self.list_nodes():
+        for name, env, ros_name in self.list_nodes(listed):
             nodes.append(GraphNode(ros_name, "n1", f"{name}-1", name))
             for word, found in ends.items():
                 for topic in env.get(word, "").split():
@@ -76,13 +84,19 @@ class World:
             ),
         )
 
-    def list_nodes(self) -> Iterator[tuple[str, dict[str, str], str]]:
-        for item in self.fake.list("apps/v1", "Deployment", "n"):
+    def list_nodes(self, listed: Listed | None = None) -> Iterator[tuple[str, dict[str, str], str]]:
+        for item in (listed or reading.list_objects(self.fake, RELEASE)).deployments:  # type: ignore[arg-type]
             notes = item["metadata"].get("annotations") or {}
             (container,) = item["spec"]["template"]["spec"]["containers"]
             env = {one["name"]: one.get("value", "") for one in container.get("env", [])}
             if "rigel-k8s/ros-name" in notes and item["spec"]["replicas"]:
                 yield item["metadata"]["name"], env, notes["rigel-k8s/ros-name"]
+
+    def is_updated(self) -> bool:
+        """Whether a node of the second version is on the cluster."""
+        items = self.fake.list("apps/v1", "Deployment", "n")
+        pods = (item["spec"]["template"]["spec"]["containers"][0] for item in items)
+        return any("v2" in pod["args"] for pod in pods)
 
     def deploy(self, *, distro: str = "noetic", now: bool = False, **more: Any) -> None:
         """Run the job, and forget what the report had before."""
@@ -214,6 +228,25 @@ def test_a_harmless_update_is_read_twice(world: World) -> None:
     assert world.report.warnings == []
     assert ("ROS graph", "2 nodes and 1 topic before the update", True) in world.report.states
     assert world.report.states[-1] == ("ROS graph", "as before the update", True)
+
+
+def test_it_is_read_before_the_first_write(world: World) -> None:
+    """What is written ends nodes."""
+    seen: list[bool] = []
+    world.at_first = lambda: seen.append(world.is_updated())
+    world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
+    world.deploy()
+    assert seen == [False]
+
+
+def test_nodes_that_hand_over_are_read_while_new_ones_start(bare: World) -> None:
+    """The old ones work for longer than that takes; what an update lacks is missed all the same."""
+    jazzy: Any = {"distro": "jazzy", "network": "peers"}
+    bare.deploy(**jazzy)
+    bare.at_first = lambda: until(bare.is_updated, "update")
+    bare.nodes = {"lidar": DUMB, "planner": {**PLANNER, "args": ["planner", "v2"]}}
+    bare.deploy(**jazzy)
+    assert bare.report.warnings == [LOST]
 
 
 @pytest.mark.parametrize("where", [None, {"graph_worse": False}])

@@ -27,8 +27,9 @@ MIDDLEWARE = "rmw_(fastrtps|cyclonedds|zenoh)_cpp"
 #: Top-level keys that are read elsewhere, or say nothing about the services.
 READ = ("services", "name", "version", "volumes")
 #: Further ones, and what takes their place.
+MERGED = "import the output of `docker compose config`, which has all services"
 OTHERS = {
-    "include": "import the output of `docker compose config`, which has all services",
+    "include": MERGED,
     "networks": "nodes share the job's `network`",
 }
 #: Keys whose value may be a list of NAME=value.
@@ -61,10 +62,14 @@ def read(file: Path, directory: Path) -> Draft:
     used = set(USED_VAR.findall(json.dumps([nodes, options, jobs], ensure_ascii=False)))
     values = {"registry": "registry.example/me", **project.variables.values}
     remarks = [*explain_services(services, distro), *explain_others(project.content)]
+    override = file.with_name(f"{file.stem}.override{file.suffix}")
+    if override.is_file():
+        remarks.append(Remark(Place(str(override), 1), f"this file is not read: {MERGED}"))
     remarks += explain_folders(kept)
     remarks += [*project.variables.remarks, *(remark for one in kept for remark in one.remarks)]
+    name = project.variables.given.get("COMPOSE_PROJECT_NAME") or project.content.get("name").text
     return Draft(
-        name=project.content.get("name").text or file.resolve().parent.name,
+        name=name or file.resolve().parent.name,
         distro=distro,
         nodes=nodes,
         options=options,
@@ -86,14 +91,16 @@ class Project:
 
     def __init__(self, file: Path) -> None:
         beside = file.parent / ".env"
-        given = dict(read_env_file(read_text(beside))) if beside.is_file() else {}
-        self.variables = Variables(given)
+        self.variables = Variables()
+        for name, value in read_env_file(beside, self.variables) if beside.is_file() else ():
+            self.variables.given[name] = value.text
         self._loaded: dict[Path, Value] = {}
         self.content = self.load(file)
         names = self.content.get("services").entries()
         self.services = {name: self.complete(name, file) for name in names}
         if not self.services:
             hint = "pass a Docker Compose file; each entry of its `services` becomes a node"
+            hint = MERGED if self.content.get("include").content else hint
             raise self.content.error("no `services` in this file", hint)
         for name, service in self.services.items():
             if not service.get("image").text and service.get("build").content is None:

@@ -101,8 +101,7 @@ def read_environment(service: Service, variables: Variables) -> None:
         if not file.path().is_file():
             service.remark(file, f"{file.path()} does not exist here: write its variables as `env`")
             continue
-        for name, text in read_env_file(read_text(file.path())):
-            service.environment[name] = variables.fill(text, file.place)
+        service.environment |= dict(read_env_file(file.path(), variables))
     for name, value in service.content.get("environment").pairs().items():
         if value.content is None and name in variables.given:
             value = variables.fill(f"${{{name}}}", value.place)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
 
 from rigel_import.draft import VAR_END, VAR_START, Place, Remark, use_var
+from rigel_import.text import read_text
 from rigel_k8s.errors import UserError
 from rigel_k8s.rigelfile.source import YamlNode
 
@@ -21,7 +22,14 @@ REFERENCE = re.compile(
 )
 USED_VAR = re.compile(f"{VAR_START}(.*?){VAR_END}")
 #: A value with one of these does not become a var: a command is split at them, `~` is a directory.
-NO_VAR = re.compile(r"[\s'\"\\$~]")
+NO_VAR = re.compile(r"[\s'\"\\$~]|^\.$")
+#: A line `NAME=value`; a value in quotes may have several lines.
+ASSIGNMENT = re.compile(
+    r"""^[ \t]*(?:export\s+)?([\w.-]+)[ \t]*=[ \t]*(?:'([^']*)'|"((?:[^"\\]|\\.)*)"|(.*))""",
+    re.MULTILINE,
+)
+#: What a character behind a backslash stands for; any other one for itself.
+ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "$": "$$"}
 SIZE = re.compile(r"(\d+(?:\.\d+)?)([kmgt]?)i?b?", re.IGNORECASE)
 
 
@@ -113,13 +121,13 @@ class Variables:
     """The variables of a project: filled in, and remembered if they become vars of the Rigelfile.
 
     Attributes:
-        given: the values of the file `.env` beside the Compose file.
+        given: the values of the file `.env` beside the Compose file; a directory is relative to it.
         values: the vars that the filled texts use.
         remarks: about variables without a value.
     """
 
-    def __init__(self, given: Mapping[str, str]) -> None:
-        self.given = {"HOME": "~", **given}
+    def __init__(self) -> None:
+        self.given = {"HOME": "~", "PWD": "."}
         self.values: dict[str, str] = {}
         self.remarks: list[Remark] = []
 
@@ -161,15 +169,16 @@ class Variables:
         return use_var(name)
 
 
-def read_env_file(text: str) -> Iterator[tuple[str, str]]:
-    """Yield the variables of a file of lines `NAME=value`."""
-    for line in text.splitlines():
-        name, equals, value = line.strip().removeprefix("export ").partition("=")
-        if not equals or name.startswith("#"):
-            continue
-        value = value.strip()
-        if quoted := re.match(r"'([^']*)'|\"([^\"]*)\"", value):
-            value = quoted[1] or quoted[2] or ""
+def read_env_file(file: Path, variables: Variables) -> Iterator[tuple[str, Value]]:
+    """Yield the variables of a file of lines `NAME=value`, filled in where Docker Compose does."""
+    text = read_text(file)
+    for match in ASSIGNMENT.finditer(text):
+        name, single, double, plain = match.groups()
+        if single is not None:
+            value = single.replace("$", "$$")
+        elif double is not None:
+            value = re.sub(r"\\(.)", lambda match: ESCAPES.get(match[1], match[1]), double)
         else:
-            value = re.split(r"(?:^|\s)#", value)[0].rstrip()
-        yield name.strip(), value
+            value = re.split(r"(?:^|\s)#", plain)[0].rstrip()
+        place = Place(str(file), text.count("\n", 0, match.start()) + 1)
+        yield name, variables.fill(value, place)

@@ -73,6 +73,8 @@ def test_the_namespace_is_that_of_the_project(project: Path) -> None:
     """As Compose names it: without a name, by the directory."""
     services = "services: {one: {image: a}}\n"
     assert convert(services).name == project.name
+    assert convert(services, env="COMPOSE_PROJECT_NAME=fleet").name == "fleet"
+    Path(".env").unlink()
     text = write_rigelfile(convert(f"name: my_robot\n{services}"), "rigel import compose")
     assert "    with:\n      namespace: my-robot\n" in text
 
@@ -170,6 +172,12 @@ def test_what_changes_nothing_is_not_remarked(project: Path) -> None:
     assert remarks == "2: nothing names a ROS distribution: set application.distro if not lyrical"
 
 
+def test_a_file_that_overrides_it_is_remarked(project: Path) -> None:
+    """Docker Compose merges it, where no file is named."""
+    _, remarks = convert_one("image: x:jazzy", **{"compose.override": ""})
+    assert "1: this file is not read: import the output of `docker compose config`" in remarks
+
+
 def test_a_remark_about_several_nodes_is_made_once(project: Path) -> None:
     """The remark stands at its first place, and names the nodes."""
     draft = convert(TWO.format("pid: host", "pid: host"))
@@ -188,6 +196,7 @@ def test_a_remark_about_several_nodes_is_made_once(project: Path) -> None:
         ("${A:-${GIVEN}}", "{{ vars.A }}", {"A": "g"}),
         ("${A:-two words}", "two words", {}),
         ("$HOME/x", "~/x", {}),
+        ("${PWD}/x", "./x", {}),
         ("$$A {{ b }}", '$A {{ "{{" }} b }}', {}),
         ("${NEEDED:?}", "{{ vars.NEEDED }}", {}),
         ("${A-x}${A:-y}", "{{ vars.A }}y", {"A": "x"}),
@@ -203,10 +212,13 @@ def test_variables_become_vars(
 
 
 def test_files_of_variables_have_quotes_comments_and_exports(project: Path) -> None:
-    Path("robot.env").write_text("export A=1 # one\nB='x # y'\nC=\n#D=1\n")
+    Path("robot.env").write_text(
+        "export A=1 # one\nB='x # $y'\nC=\n#D=1\nE=\"a\\tb\nc\"\nF=${GIVEN}!"
+    )
     entries = "image: x\nenv_file: robot.env\nenvironment: [A=2, GIVEN]"
-    node, _ = convert_one(entries, env="GIVEN=g h")
-    assert node["env"] == {"A": "2", "B": "x # y", "C": "", "GIVEN": "g h"}
+    node, _ = convert_one(entries, env="G=g h\nGIVEN=$G")
+    own = {"A": "2", "B": "x # $y", "C": "", "E": "a\tb\nc", "F": "g h!", "GIVEN": "g h"}
+    assert node["env"] == own
 
 
 def test_files_beside_the_compose_file_are_mounted_where_they_were(project: Path) -> None:
@@ -257,6 +269,7 @@ def test_extending_joins_lists_and_named_values_and_replaces_commands(project: P
     ("text", "message"),
     [
         ("services: {}", "compose.yaml:1: no `services`"),
+        ("include: [a.yaml]", "compose.yaml:1: no `services`"),
         ("- a", "compose.yaml:1: this is not a mapping"),
         ("services:\n  a: x", 'compose.yaml:2: the service "a" is not a mapping'),
         ("services:\n  a: {extends: b}", 'compose.yaml:2: no service "b" in compose.yaml'),

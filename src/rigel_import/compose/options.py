@@ -85,9 +85,8 @@ def add_program(service: Service) -> None:
     """Add the options of what a service runs."""
     if service.ros is None:
         service.options["ros"] = "none"
-    program = read_program(service)
-    service.options |= program
-    if service.ros and not {"name", "launch"} & program.keys():
+    service.options |= read_program(service)
+    if service.ros and not {"name", "launch", "kind"} & service.options.keys():
         service.options |= {"anonymous": True, "update": {"strategy": "Recreate"}}
         service.remark(service.content, UNNAMED)
 
@@ -95,14 +94,17 @@ def add_program(service: Service) -> None:
 def read_program(service: Service) -> dict[str, Any]:
     """Return the options of what a service runs."""
     words = [word.written for word in service.content.get("command").words()]
-    if entrypoint := service.content.get("entrypoint").words():
-        return {"command": [*(word.written for word in entrypoint), *words]}
+    entrypoint = service.content.get("entrypoint")
+    if entrypoint.content is not None:  # an empty one replaces the image's, too
+        words = [*(word.written for word in entrypoint.words() if word.written), *words]
+        return {"command": words} if words else {}
     match words:
         case ["ros2", "launch", *rest] | ["roslaunch", *rest]:
             if launch := read_launch(rest):
                 return {"launch": launch}
         case ["ros2", "run", package, executable, *rest] | ["rosrun", package, executable, *rest]:
-            return {"package": package, "executable": executable, **read_arguments(rest)}
+            if not package.startswith("-"):
+                return {"package": package, "executable": executable, **read_arguments(rest)}
     return {"args": words} if words else {}
 
 
@@ -205,7 +207,8 @@ def add_resources(service: Service) -> None:
     if gpus or content.get("runtime").text == "nvidia":
         resources["limits"]["nvidia.com/gpu"] = count_gpus(service, gpus[0]) if gpus else 1
         service.options["runtime_class"] = "nvidia"
-        service.options["update"] = {"strategy": "Recreate"}  # two pods need twice as many GPUs
+        if "kind" not in service.options:  # two pods need twice as many GPUs
+            service.options["update"] = {"strategy": "Recreate"}
     if any(resources.values()):
         service.options["resources"] = {kind: some for kind, some in resources.items() if some}
 

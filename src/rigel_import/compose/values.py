@@ -90,6 +90,7 @@ class Value:
             texts, written = shlex.split(self.content), shlex.split(self.written)
         except ValueError as error:
             raise self.error(f"the command cannot be split: {error}", "close its quotes") from error
+        texts = texts if len(texts) == len(written) else written  # a variable has no value
         return [Value(self.place, *both) for both in zip(texts, written, strict=True)]
 
     def path(self, text: str | None = None) -> Path:

@@ -15,7 +15,7 @@ import pytest
 
 from rigel_import.compose.options import ADVICE, READ
 from rigel_import.compose.reading import read
-from rigel_import.draft import Draft, write_rigelfile
+from rigel_import.draft import Draft, use_var, write_rigelfile
 from rigel_k8s.cli.main import run
 from rigel_k8s.errors import UserError
 
@@ -91,6 +91,14 @@ RULES: dict[str, dict[str, Any]] = {
     "command: sh -c 'roscore & roslaunch p f'": {"args": ["sh", "-c", "roscore & roslaunch p f"]},
     "environment: [RMW_X=1]": {"ros": None},
     "user: root:7": {"security_context": {"runAsUser": 0, "runAsGroup": 7}},
+    "command: ros2 run --prefix 'gdb -ex' p e": {
+        "args": ["ros2", "run", "--prefix", "gdb -ex", "p", "e"]
+    },
+    "command: ros2 run p e\nentrypoint: []": {
+        "command": ["ros2", "run", "p", "e"],
+        "package": None,
+    },
+    "command: x ${NEEDED:?}\nentrypoint: ''": {"command": ["x", use_var("NEEDED")]},
     "command: ros2 run p e": {"anonymous": True, "update": {"strategy": "Recreate"}},
     "devices: ['/dev/a:/dev/b:rw', /dev/c]": {
         "devices": [{"path": "/dev/a", "mount_path": "/dev/b"}, "/dev/c"],
@@ -381,11 +389,11 @@ def test_a_value_of_any_shape_is_read_or_refused(key: str, project: Path) -> Non
             convert(f"services:\n  one:\n    image: a:jazzy\n    {key}: {shape}{end}\n")
 
 
-def test_what_others_await_runs_once(project: Path) -> None:
+def test_what_others_await_runs_once(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the conditions, this one alone says that a program ends."""
     made = convert(
         "services:\n"
-        "  spawn: {image: 'ros:jazzy', command: ros2 run arm spawn}\n"
+        "  spawn: {image: 'ros:jazzy', gpus: all, command: ros2 run arm spawn}\n"
         "  arm: {image: 'ros:jazzy', command: ros2 run arm arm}\n"
         "  ui:\n    image: ros:jazzy\n    command: ros2 run ui ui\n    depends_on:\n"
         "      spawn: {condition: service_completed_successfully}\n"
@@ -396,3 +404,5 @@ def test_what_others_await_runs_once(project: Path) -> None:
         "arm": None,
         "ui": None,
     }
+    Path("Rigelfile").write_text(write_rigelfile(made, "c"))
+    assert run(["check"], "rigel") == 0, capsys.readouterr()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,18 +15,27 @@ from rigel_k8s.ros import ROS_ARGS
 
 #: Keys that are read, and those that need no counterpart.
 READ = frozenset(
-    ("build", "build.args", "build.context", "build.dockerfile", "cap_add", "command")
-    + ("container_name", "cpus", "deploy", "deploy.resources", "deploy.resources.limits.cpus")
-    + ("deploy.resources.limits.memory", "deploy.resources.reservations.cpus")
-    + ("deploy.resources.reservations.devices", "deploy.resources.reservations.memory")
-    + ("deploy.replicas", "deploy.restart_policy", "devices", "entrypoint", "env_file")
-    + ("environment", "expose")
-    + ("gpus", "image", "init", "ipc", "logging", "mem_limit", "network_mode", "networks", "ports")
-    + ("privileged", "runtime", "shm_size", "stdin_open", "tty", "user", "volumes", "working_dir")
+    ("build", "build.args", "build.context", "build.dockerfile", "cap_add", "cap_drop", "command")
+    + ("container_name", "cpus", "deploy", "deploy.replicas", "deploy.resources")
+    + ("deploy.resources.limits.cpus", "deploy.resources.limits.memory")
+    + ("deploy.resources.reservations.cpus", "deploy.resources.reservations.memory")
+    + ("deploy.resources.reservations.devices", "devices", "entrypoint", "env_file")
+    + ("environment", "expose", "gpus", "image", "init", "ipc", "logging", "mem_limit")
+    + ("mem_reservation", "networks", "ports", "privileged", "read_only", "shm_size", "stdin_open")
+    + ("tty", "user", "volumes", "working_dir")
 )
+#: Values of other keys that need no counterpart.
+AS_IS = {
+    "network_mode": ("host", "bridge", "default"),
+    "restart": ("always", "unless-stopped"),
+    "runtime": ("nvidia", "runc"),
+}
 #: The other keys that robots have most often, and what takes their place.
 ADVICE: Mapping[str, str] = {
+    "": "set what Kubernetes has in its place in `patch`, if the program needs it",
+    "build": "set it in the Dockerfile, or as an option of the job that builds the image",
     "build.target": "let the Dockerfile end with this stage",
+    "configs": "add the file to `files`",
     "depends_on": "all nodes start at once and find each other when they are there; a program that"
     " gives up is started again",
     "extra_hosts": "set hostAliases of the pod in `patch`",
@@ -33,12 +43,17 @@ ADVICE: Mapping[str, str] = {
     "healthcheck": "set `readiness` with its command; a pod that is not ready is not restarted",
     "hostname": "the pod's name is its hostname; nodes reach it by its Service, see `ports`",
     "labels": "set `labels` of the node",
+    "network_mode": "each pod has an address of its own; nodes that need localhost to reach each"
+    " other need host_network",
     "pid": "set hostPID: true in `patch`, if the program needs the machine's processes",
     "profiles": "the node is always started; delete it if it is not needed",
     "restart": "Kubernetes starts a program again that has ended; one that runs once is a"
     " `kind: task`",
+    "runtime": "set `runtime_class` to what the cluster calls it",
+    "secrets": "create a Secret, and add {secret: NAME, mount_path: PATH} to `volumes`",
     "security_opt": "set seccompProfile or appArmorProfile in `security_context`",
     "stop_grace_period": "set `termination_grace_period`",
+    "sysctls": "set securityContext.sysctls of the pod in `patch`; a machine may refuse them",
     "tmpfs": "add {memory: SIZE, mount_path: PATH} to `volumes`",
     "ulimits": "set them in the machine's container runtime, or in the image's entrypoint",
 }
@@ -46,7 +61,8 @@ ADVICE: Mapping[str, str] = {
 LEFT_OUT = {
     **dict.fromkeys(
         ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS")
-        + ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "CYCLONEDDS_URI")
+        + ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "CYCLONEDDS_URI", "ZENOH_CONFIG_OVERRIDE")
+        + ("ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CHECK_ATTEMPTS")
         + ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
         "`network` decides how nodes find each other; add it to `env` if the profile has more",
     ),
@@ -58,6 +74,7 @@ LEFT_OUT = {
 QUIET = ("--wait", "--screen", "--noninteractive", "-n")
 #: Rules of arguments that are options of a node.
 NAMES = {"__node": "name", "__name": "name", "__ns": "namespace"}
+OTHER_NETWORK = "a pod has one address, which changes; others find it by its Service, see `ports`"
 UNNAMED = (
     "the ROS name is not in the Compose file: if it is always the same, set `name` to it and remove"
     " `anonymous` and `update`, so that updates hand over"
@@ -143,6 +160,8 @@ def add_environment(service: Service) -> None:
             service.remark(value, f"{name} is left out: {how}")
         elif name in LEFT_OUT:
             service.remark(value, f"{name} is left out: {LEFT_OUT[name]}")
+        elif not name.isidentifier():
+            service.remark(value, f"{name} is left out: `env` refuses a variable of this name")
         elif value.content is None:
             message = f"{name} is that of the machine that runs docker compose: set it in `env`"
             service.remark(value, message)
@@ -154,14 +173,16 @@ def add_environment(service: Service) -> None:
 
 def add_network(service: Service, network: Mapping[str, Any]) -> None:
     """Add how a service shares the network and the memory of its machine."""
-    mode, ipc = service.content.get("network_mode"), service.content.get("ipc")
+    ipc = service.content.get("ipc")
     if not service.is_on_host:
         add_ports(service)
     elif network.get("mode") != "host":
         service.options["host_network"] = True
-    if mode.text.startswith(("service:", "container:")):
-        message = "each pod has an address of its own; nodes that need localhost to reach each"
-        service.remark(mode, f"{mode.text} is not carried over: {message} other need host_network")
+    for own in service.content.get("networks").entries().values():
+        if own.content:
+            service.remark(
+                own, f"its settings on this network are not carried over: {OTHER_NETWORK}"
+            )
     if ipc.text == "host" and service.ros == "2" and not network.get("shared_memory"):
         message = "nodes that exchange large messages share memory in one `pod`"
         service.remark(ipc, f"ipc: host is not carried over: {message}")
@@ -176,10 +197,13 @@ def add_security(service: Service) -> None:
     context: dict[str, Any] = {}
     if content.get("privileged").text == "true" or content.get("devices").elements():
         context["privileged"] = True
-    if capabilities := content.get("cap_add").elements():
-        names = [item.text.upper().removeprefix("CAP_") for item in capabilities]
-        context["capabilities"] = {"add": names}
-    user, _, group = content.get("user").text.replace("root", "0").partition(":")
+    if content.get("read_only").text == "true":
+        context["readOnlyRootFilesystem"] = True
+    for kind in ("add", "drop"):
+        if capabilities := content.get(f"cap_{kind}").elements():
+            names = [item.text.upper().removeprefix("CAP_") for item in capabilities]
+            context.setdefault("capabilities", {})[kind] = names
+    user, _, group = re.sub(r"\broot\b", "0", content.get("user").text).partition(":")
     if (user + group).isdigit():
         context["runAsUser"] = int(user)
         context |= {"runAsGroup": int(group)} if group else {}
@@ -199,6 +223,7 @@ def add_resources(service: Service) -> None:
     for kind, cpus, memory in (
         ("limits", content.get("cpus"), content.get("mem_limit")),
         ("limits", limits.get("cpus"), limits.get("memory")),
+        ("requests", Value(content.place), content.get("mem_reservation")),
         ("requests", requests.get("cpus"), requests.get("memory")),
     ):
         resources[kind] |= {"cpu": cpus.text} if cpus.text else {}
@@ -243,10 +268,9 @@ def remark_others(service: Service) -> None:
         below = service.content.get(*key.split(".")).entries()
         entries |= {f"{key}.{name}": value for name, value in below.items()}
     for key, value in entries.items():
-        if key == "restart" and value.text in ("always", "unless-stopped"):
-            continue
-        if key not in READ and not key.startswith("x-"):
-            advice = ADVICE.get(key, "a node has no such option, or one of another name")
+        is_set = value.content not in (None, "", [], {}) and not key.startswith("x-")
+        if is_set and key not in READ and not (key in AS_IS and value.text in AS_IS[key]):
+            advice = ADVICE.get(key, ADVICE["build" if key.startswith("build.") else ""])
             service.remark(value, f"`{key}` is not carried over: {advice}")
 
 
@@ -261,6 +285,8 @@ def add_build(service: Service, jobs: dict[str, dict[str, Any]]) -> None:
         service.remark(build, "set `registry` under `vars` to a registry that you may push to")
     service.options["image"] = image
     context, dockerfile = locate_build(build)
+    if re.match(r"[\w+]+:|git@", context):
+        service.remark(build, "its context is not a directory: clone it, and set `context` to that")
     context = os.path.relpath(context, service.directory)
     options: dict[str, Any] = {"image": image, "context": context, "dockerfile": dockerfile}
     if args := build.get("args").pairs():

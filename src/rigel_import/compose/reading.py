@@ -48,7 +48,7 @@ def read(file: Path, directory: Path) -> Draft:
     services = read_services(project.services, project.variables, directory)
     distro = choose_distro(services)
     ros = ALL_DISTROS[distro]
-    kept = [one for one in services if one.ros in (None, ros) and not one.is_master]
+    kept = [one for one in services if one.ros in (None, ros) and not one.replaced]
     options = share_ros([one for one in kept if one.ros], ros)
     jobs: dict[str, dict[str, Any]] = {}
     tasks = list_awaited(services)
@@ -188,8 +188,14 @@ def share_ros(services: Sequence[Service], ros: str) -> dict[str, Any]:
     shares_memory = all(one.content.get("ipc").text == "host" for one in services)
     if is_on_host and shares_memory and middleware in ("", "rmw_fastrtps_cpp"):
         network["shared_memory"] = True
+    network |= {"mode": "zenoh"} if middleware == "rmw_zenoh_cpp" else {}
     if domain := take_variable(services, "ROS_DOMAIN_ID", r"\d+"):
         network["domain_id"] = int(domain)
+    for service in services if network["mode"] != "host" else ():
+        if value := service.environment.pop("ROS_DOMAIN_ID", None):
+            message = f"ROS_DOMAIN_ID={value.text} is left out, as not all services have it: all"
+            message += " nodes of a release are in one domain, the `domain_id` of `network`"
+            service.remark(value, message)
     return options
 
 
@@ -218,9 +224,12 @@ def explain_services(services: Sequence[Service], distro: str) -> Iterator[Remar
     for service in services:
         if service.ros not in (None, ALL_DISTROS[distro]):
             reason = f"it is ROS {service.ros}: give it a Rigelfile of its own"
-        elif service.is_master:
-            reason = "the release has a roscore of its own, called ros-master"
+        elif service.replaced:
+            reason = f"the release has {service.replaced}"
         else:
+            if service.distro not in (None, distro):
+                reason = f"give it a Rigelfile of its own if it does not fit a release of {distro}"
+                service.remark(service.content, f"it is of {service.distro}: {reason}")
             continue
         yield Remark(service.content.place, f"the service {service.name} is left out: {reason}")
 

@@ -74,9 +74,11 @@ class Service:
         return self.content.get("network_mode").text == "host"
 
     @property
-    def is_master(self) -> bool:
-        """Whether it runs roscore, and nothing else."""
-        return "roslaunch" not in self.line and bool(re.search(r"\bros(core|master)\b", self.line))
+    def replaced(self) -> str:
+        """What a release has in the place of a service that runs this, and nothing else; or ""."""
+        if "roslaunch" not in self.line and re.search(r"\bros(core|master)\b", self.line):
+            return "a roscore of its own, called ros-master"
+        return "a router of its own with `network: zenoh`" if "rmw_zenohd" in self.line else ""
 
 
 def read_services(

@@ -90,6 +90,9 @@ RULES: dict[str, dict[str, Any]] = {
     "command: ros2 run p e -v --ros-args --remap __node:=n": {"name": "n", "args": ["-v"]},
     "command: sh -c 'roscore & roslaunch p f'": {"args": ["sh", "-c", "roscore & roslaunch p f"]},
     "environment: [RMW_X=1]": {"ros": None},
+    "read_only: true\ncap_drop: [ALL]": {
+        "security_context": {"readOnlyRootFilesystem": True, "capabilities": {"drop": ["ALL"]}}
+    },
     "user: root:7": {"security_context": {"runAsUser": 0, "runAsGroup": 7}},
     "command: ros2 run --prefix 'gdb -ex' p e": {
         "args": ["ros2", "run", "--prefix", "gdb -ex", "p", "e"]
@@ -120,7 +123,9 @@ RULES: dict[str, dict[str, Any]] = {
         ]
     },
     "ports:\n- 22:22": {"ports": [{"port": 22}]},  # YAML 1.1 reads one number
-    "mem_limit: 1.5g\ncpus: 0.5": {"resources": {"limits": {"memory": "1.5Gi", "cpu": "0.5"}}},
+    "mem_limit: 1.5g\ncpus: 0.5\nmem_reservation: 1g": {
+        "resources": {"limits": {"memory": "1.5Gi", "cpu": "0.5"}, "requests": {"memory": "1Gi"}}
+    },
     "deploy: {replicas: 3}": {"ros": "none", "replicas": 3},
     "network_mode: host\ncommand: ros2 run p f\ndeploy: {replicas: 3}": {"replicas": 3},
     "command: ros2 launch p g\ndeploy: {replicas: 0}": {"replicas": 0},
@@ -143,7 +148,14 @@ REMARKS = {
     "volumes: [./base.yaml:/b]": "4: /b is read-only: what the program writes needs a volume",
     "volumes: ['$HOME/.ssh:/s']": "4: ~/.ssh is not mounted at /s",
     "volumes: [/cache]": "4: /cache is a part of the pod, and empty in each new one",
-    "network_mode: service:vpn": "4: service:vpn is not carried over",
+    "network_mode: none": "4: `network_mode` is not carried over: each pod has an address of its",
+    "runtime: kata": "4: `runtime` is not carried over: set `runtime_class`",
+    "build: {target: a, tags: [b]}": "4: `build.tags` is not carried over: set it in the",
+    "build: https://example.org/robot.git": "4: its context is not a directory: clone it",
+    "secrets: [a]": "4: `secrets` is not carried over: create a Secret",
+    "dns: [10.0.0.1]": "4: `dns` is not carried over: set what Kubernetes has",
+    "environment: {discovery.type: a}": "4: discovery.type is left out: `env` refuses",
+    "networks: {lab: {ipv4_address: 10.0.0.2}}": "4: its settings on this network are not",
     'restart: "no"': "4: `restart` is not carried over: Kubernetes starts",
     "env_file: [robot.env]": "4: robot.env does not exist here",
     "environment:\n- ROS_LOCALHOST_ONLY=1": "5: ROS_LOCALHOST_ONLY is left out: `network` decides",
@@ -175,7 +187,9 @@ def test_a_folder_elsewhere_is_mounted_once_its_directory_is_trusted(
 
 
 def test_what_changes_nothing_is_not_remarked(project: Path) -> None:
-    node, remarks = convert_one("image: x\ntty: true\nrestart: always\nx-y: 1\nipc: host")
+    node, remarks = convert_one(
+        "image: x\ntty: true\nrestart: always\nx-y: 1\nipc: host\ndepends_on:\nruntime: runc"
+    )
     assert set(node) == {"image", "ros"}
     assert remarks == "2: nothing names a ROS distribution: set application.distro if not lyrical"
 
@@ -297,6 +311,7 @@ def test_an_error_names_the_place_and_the_way_out(text: str, message: str, proje
 
 
 TWO = "services:\n  a: {{image: x:jazzy, {0}}}\n  b: {{image: x:jazzy, {1}}}\n"
+ZENOH = "environment: [RMW_IMPLEMENTATION=rmw_zenoh_cpp]"
 HOST, SHARED = "network_mode: host", {"mode": "host", "shared_memory": True}
 
 
@@ -307,21 +322,36 @@ HOST, SHARED = "network_mode: host", {"mode": "host", "shared_memory": True}
         (HOST, "tty: true", {"mode": "peers"}),
         (f"{HOST}, ipc: host, shm_size: 1g", f"{HOST}, ipc: host", SHARED),
         ("environment: [ROS_DOMAIN_ID=4]", "tty: true", {"mode": "peers"}),
+        (ZENOH, ZENOH, {"mode": "zenoh"}),
     ],
 )
 def test_the_network_is_that_of_all_services(
-    first: str, second: str, network: Any, project: Path
+    first: str, second: str, network: Any, project: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where nodes have the machine's shared memory, `shm_size` does not apply."""
     draft = convert(TWO.format(first, second))
-    assert draft.options == {"network": network}
+    assert draft.options == {
+        "network": network,
+        **({"rmw": "rmw_zenoh_cpp"} if first == ZENOH else {}),
+    }
     assert "volumes" not in draft.nodes["a"]
+    Path("Rigelfile").write_text(write_rigelfile(draft, "c"))
+    assert run(["check"], "rigel") == 0, capsys.readouterr()
+
+
+def test_the_router_of_zenoh_is_that_of_the_network(project: Path) -> None:
+    router = f"{ZENOH}, command: ros2 run rmw_zenoh_cpp rmw_zenohd"
+    draft = convert(TWO.format(router, f"{ZENOH}, network_mode: host"))
+    assert list(draft.nodes) == ["b"]
+    assert any("the service a is left out" in one.message for one in draft.remarks)
 
 
 def test_variables_of_all_nodes_are_options_of_the_job(project: Path) -> None:
-    own = f"{HOST}, ipc: host, environment: [RMW_IMPLEMENTATION=rmw_zenoh_cpp, ROS_DOMAIN_ID=4]"
+    own = (
+        f"{HOST}, ipc: host, environment: [RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, ROS_DOMAIN_ID=4]"
+    )
     draft = convert(TWO.format(own, own))
-    assert draft.options["rmw"] == "rmw_zenoh_cpp"
+    assert draft.options["rmw"] == "rmw_cyclonedds_cpp"
     assert draft.options["network"] == {"mode": "host", "domain_id": 4}
     assert all("env" not in node for node in draft.nodes.values())
 

@@ -22,25 +22,34 @@ UNUSABLE = {
 #: Paths below /dev that are directories, which are mounted as volumes.
 DIRECTORIES = re.compile(r"/dev(/(bus|bus/usb|dri|input|snd|serial|serial/by-id|v4l|pts|shm))?/?")
 PRIVILEGED = "the container is privileged to open its devices; a device plugin makes it unnecessary"
+EMPTY = (
+    "a volume is empty at first: docker copies what the image has at its path, Kubernetes does not"
+)
+OUTSIDE = "ports are open inside of the cluster: for others set `service_type`, or `rigel forward`"
 MACHINE = "if the cluster has several machines, set placement: {node: NAME} to the right one"
 
 
 def add_volumes(service: Service) -> None:
     for item in service.content.get("volumes").elements():
         source, target, read_only = item.mount()
-        volume = {"mount_path": target, **({"read_only": True} if read_only else {})}
+        kind = item.get("type").text
+        below = item.get("volume", "subpath").text
+        volume = {"mount_path": target, "read_only": read_only, "sub_path": below}
+        volume = {key: value for key, value in volume.items() if value}
         reason = next((UNUSABLE[path] for path in UNUSABLE if re.search(path, source)), None)
         if not source:
             service.remark(item, f"{target} is a part of the pod, and empty in each new one")
-        elif reason:
+        elif reason or kind not in ("", "bind", "volume"):
+            reason = reason or f"copy what it needs of this {kind} into the image"
             service.remark(item, f"{source} is not mounted: {reason}")
         elif source.startswith("/"):
             service.append("volumes", {"host_path": source, **volume})
             service.remark(item, MACHINE)
-        elif source.startswith((".", "~")):
+        elif source.startswith((".", "~")) or kind == "bind":
             add_local(service, item, source, target, read_only=read_only)
         else:
             service.append("volumes", {"name": object_name(source), **volume})
+            service.remark(item, EMPTY)
 
 
 def add_local(service: Service, item: Value, source: str, target: str, *, read_only: bool) -> None:
@@ -65,7 +74,11 @@ def add_local(service: Service, item: Value, source: str, target: str, *, read_o
 
 def add_devices(service: Service) -> None:
     for item in service.content.get("devices").elements():
-        path, target, *_ = [*item.written.split(":"), ""]
+        words = [item.get(key).written for key in ("source", "target") if item.entries()]
+        path, target, *_ = [*(words or item.written.split(":")), ""]
+        if re.search(r"^$|[*?=]", path):
+            service.remark(item, f'"{path}" is not a device: write its path, or {{resource: NAME}}')
+            continue
         if DIRECTORIES.fullmatch(path):
             service.append("volumes", {"host_path": path, "mount_path": target or path})
         elif target in ("", path):
@@ -80,7 +93,8 @@ def add_devices(service: Service) -> None:
 def add_ports(service: Service) -> None:
     """Add the ports of a service, which become those of a Kubernetes Service."""
     content = service.content
-    for item in [*content.get("ports").elements(), *content.get("expose").elements()]:
+    items = [*content.get("ports").elements(), *content.get("expose").elements()]
+    for item in [*items, *service.named_ports]:
         if item.entries():
             target, protocol = item.get("target").text, item.get("protocol").text
             published = item.get("published").text or target
@@ -92,8 +106,13 @@ def add_ports(service: Service) -> None:
             service.remark(item, f'"{target}" is not one port: write each of them in `ports`')
             continue
         port: dict[str, Any] = {"port": int(target)}
-        if published != target:
-            port["service_port"] = int(published)
         if protocol.lower() == "udp":
             port["protocol"] = "UDP"
-        service.append("ports", port)
+        taken = [one | {"service_port": 0} for one in service.options.get("ports", ())]
+        if published != target and port | {"service_port": 0} in taken:
+            service.remark(item, f"{published} is not carried over: {target} has one port already")
+        if port | {"service_port": 0} not in taken:
+            port |= {"service_port": int(published)} if published != target else {}
+            service.append("ports", port)
+    if content.get("ports").elements():
+        service.remark(content.get("ports"), OUTSIDE)

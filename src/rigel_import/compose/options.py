@@ -24,6 +24,7 @@ READ = frozenset(
     + ("mem_reservation", "networks", "ports", "privileged", "read_only", "shm_size", "stdin_open")
     + ("tty", "user", "volumes", "working_dir")
 )
+RESERVED = "deploy.resources.reservations"
 #: Values of other keys that need no counterpart.
 AS_IS = {
     "network_mode": ("host", "bridge", "default"),
@@ -45,6 +46,7 @@ ADVICE: Mapping[str, str] = {
     "labels": "set `labels` of the node",
     "network_mode": "each pod has an address of its own; nodes that need localhost to reach each"
     " other need host_network",
+    "networks": "a pod has one address, which changes; others find it by its Service, see `ports`",
     "pid": "set hostPID: true in `patch`, if the program needs the machine's processes",
     "profiles": "the node is always started; delete it if it is not needed",
     "restart": "Kubernetes starts a program again that has ended; one that runs once is a"
@@ -74,7 +76,6 @@ LEFT_OUT = {
 QUIET = ("--wait", "--screen", "--noninteractive", "-n")
 #: Rules of arguments that are options of a node.
 NAMES = {"__node": "name", "__name": "name", "__ns": "namespace"}
-OTHER_NETWORK = "a pod has one address, which changes; others find it by its Service, see `ports`"
 UNNAMED = (
     "the ROS name is not in the Compose file: if it is always the same, set `name` to it and remove"
     " `anonymous` and `update`, so that updates hand over"
@@ -155,13 +156,11 @@ def add_environment(service: Service) -> None:
     """Add the variables of a service; `rigel` sets some of them."""
     env = {}
     for name, value in service.environment.items():
+        how = LEFT_OUT.get(name, "" if name.isidentifier() else "`env` refuses such a name")
         if name in OF_ROS1 and service.ros == "1":
             how = "nodes use the release's ros-master; for another one, set `ros_master_uri`"
+        if how:
             service.remark(value, f"{name} is left out: {how}")
-        elif name in LEFT_OUT:
-            service.remark(value, f"{name} is left out: {LEFT_OUT[name]}")
-        elif not name.isidentifier():
-            service.remark(value, f"{name} is left out: `env` refuses a variable of this name")
         elif value.content is None:
             message = f"{name} is that of the machine that runs docker compose: set it in `env`"
             service.remark(value, message)
@@ -178,11 +177,6 @@ def add_network(service: Service, network: Mapping[str, Any]) -> None:
         add_ports(service)
     elif network.get("mode") != "host":
         service.options["host_network"] = True
-    for own in service.content.get("networks").entries().values():
-        if own.content:
-            service.remark(
-                own, f"its settings on this network are not carried over: {OTHER_NETWORK}"
-            )
     if ipc.text == "host" and service.ros == "2" and not network.get("shared_memory"):
         message = "nodes that exchange large messages share memory in one `pod`"
         service.remark(ipc, f"ipc: host is not carried over: {message}")
@@ -264,13 +258,13 @@ def count_gpus(service: Service, request: Value) -> int:
 def remark_others(service: Service) -> None:
     """Remark the keys that are not carried over."""
     entries = dict(service.content.entries())
-    for key in ("build", "deploy", "deploy.resources.limits", "deploy.resources.reservations"):
+    for key in ("build", "deploy", "networks", "deploy.resources.limits", RESERVED):
         below = service.content.get(*key.split(".")).entries()
         entries |= {f"{key}.{name}": value for name, value in below.items()}
     for key, value in entries.items():
         is_set = value.content not in (None, "", [], {}) and not key.startswith("x-")
         if is_set and key not in READ and not (key in AS_IS and value.text in AS_IS[key]):
-            advice = ADVICE.get(key, ADVICE["build" if key.startswith("build.") else ""])
+            advice = ADVICE.get(key) or ADVICE.get(key.partition(".")[0]) or ADVICE[""]
             service.remark(value, f"`{key}` is not carried over: {advice}")
 
 

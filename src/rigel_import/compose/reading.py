@@ -193,9 +193,10 @@ def share_ros(services: Sequence[Service], ros: str) -> dict[str, Any]:
         network["domain_id"] = int(domain)
     for service in services if network["mode"] != "host" else ():
         if value := service.environment.pop("ROS_DOMAIN_ID", None):
-            message = f"ROS_DOMAIN_ID={value.text} is left out, as not all services have it: all"
-            message += " nodes of a release are in one domain, the `domain_id` of `network`"
-            service.remark(value, message)
+            message = f"ROS_DOMAIN_ID={value.text} is left out: not all services have it, and the"
+            service.remark(
+                value, f"{message} nodes of a release are in one `domain_id` of `network`"
+            )
     return options
 
 

@@ -39,6 +39,7 @@ class Service:
         options: the node's.
         remarks: about the node.
         folders: the local folders that it mounts, by their paths in the Rigelfile.
+        named_ports: the ports at which other services name it: 5432 in `db:5432`.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Service:
     options: dict[str, Any] = attrs.field(factory=dict)
     remarks: list[Remark] = attrs.field(factory=list)
     folders: dict[str, Place] = attrs.field(factory=dict)
+    named_ports: list[Value] = attrs.field(factory=list)
 
     def append(self, key: str, value: Any) -> None:
         """Append to a list of the node's options what is not in there."""
@@ -94,6 +96,11 @@ def read_services(
         read_environment(service, variables)
         service.distro = find_distro(service)
         service.ros = find_ros(service)
+    values = [one.text for service in services.values() for one in service.environment.values()]
+    text = " ".join([*values, *(service.line for service in services.values())])
+    for service in services.values():
+        ports = re.findall(rf"(?<![\w.-]){re.escape(service.name)}:([1-9]\d{{0,4}})\b", text)
+        service.named_ports = [Value(service.content.place, port, port) for port in ports]
     return list(services.values())
 
 

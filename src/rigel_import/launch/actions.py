@@ -26,6 +26,8 @@ LOST = {
     "required": "Kubernetes starts this node again, and stops no other one",
     "ros_args": "add its words to `args`",
 }
+UNNAMED: Options = {"anonymous": True, "update": {"strategy": "Recreate"}}
+NO_NAME = "it has no fixed name; if you know it, set it, without `anonymous` and `update`"
 #: Tags without an effect on a cluster.
 IGNORED = ("log", "machine")
 
@@ -176,9 +178,8 @@ def add_node(scope: Scope, entity: Entity, executable: str, namespace: str, tags
     inner = scope.copy(remarks=[], node=name)
     if "name" not in entity.values or "$(anon" in entity.values["name"]:
         inner.node = None
-        options |= {"anonymous": True, "update": {"strategy": "Recreate"}}
-        message = "it has no fixed name; if you know it, set it, without `anonymous` and `update`"
-        inner.remark(entity.place, message)
+        options |= UNNAMED
+        inner.remark(entity.place, NO_NAME)
     take(inner, entity.children, tags)
     for key in LOST:
         if str(entity.values.get(key, "false")).lower() not in ("false", "0", ""):

@@ -11,7 +11,7 @@ import attrs
 import yaml
 
 from rigel_import.draft import Place
-from rigel_import.launch.actions import add_options, describe_lost
+from rigel_import.launch.actions import NO_NAME, UNNAMED, add_options, describe_lost
 from rigel_import.launch.evaluation import evaluate, make_place
 from rigel_import.launch.evaluator import MARK
 from rigel_import.launch.expressions import LeftOut
@@ -25,8 +25,6 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.ros import ROS_ARGS, ROS_ARGS_END
 from rigel_k8s.yaml_text import Loader
 
-UNNAMED: Options = {"anonymous": True, "update": {"strategy": "Recreate"}}
-NO_NAME = "it has no fixed name; if you know it, set it, without `anonymous` and `update`"
 LIFECYCLE = (
     "it is a lifecycle node, whose transitions in the launch file are not carried over: unless a"
     " lifecycle manager makes them, set `lifecycle: { start: [configure, activate] }`"

@@ -61,17 +61,7 @@ def _set_param(scope: Scope, entity: Entity, name: str, options: Options) -> Non
         put(options, "parameters", name, value)
 
 
-def load_global(scope: Scope, entity: Entity) -> None:
-    """Set global parameters from YAML."""
-    _load(scope, entity, scope.namespace, scope.robot.options)
-
-
-def load_private(scope: Scope, entity: Entity) -> None:
-    """Set parameters of a node from YAML."""
-    _load(scope, entity, "", scope.options)
-
-
-def _load(scope: Scope, entity: Entity, above: str, options: Options) -> None:
+def load(scope: Scope, entity: Entity, above: str, options: Options) -> None:
     """Set the parameters of a `rosparam`: those of a file of the image, or its own text."""
     if (command := scope.read_known(entity, "command", "load")) != "load":
         raise LeftOut(f"`command` is {command}, not load")
@@ -104,7 +94,12 @@ def take_node(scope: Scope, entity: Entity) -> None:
     add_node(scope, entity, "type", "ns", NODE_TAGS)
 
 
-NODE_TAGS = {"env": set_env, "param": set_node_param, "remap": remap, "rosparam": load_private}
+NODE_TAGS = {
+    "env": set_env,
+    "param": set_node_param,
+    "remap": remap,
+    "rosparam": lambda scope, entity: load(scope, entity, "", scope.options),
+}
 TAGS = {
     "arg": set_argument,
     "env": set_env,
@@ -113,5 +108,5 @@ TAGS = {
     "node": take_node,
     "param": set_param,
     "remap": remap,
-    "rosparam": load_global,
+    "rosparam": lambda scope, entity: load(scope, entity, scope.namespace, scope.robot.options),
 }

@@ -107,14 +107,20 @@ RULES: dict[str, dict[str, Any]] = {
         "devices": [{"path": "/dev/a", "mount_path": "/dev/b"}, "/dev/c"],
         "security_context": {"privileged": True},
     },
+    "devices: [{source: /dev/a, target: /dev/b, permissions: r}]": {
+        "devices": [{"path": "/dev/a", "mount_path": "/dev/b"}]
+    },
     "devices: ['/dev/dri:/dev/dri']": {
         "volumes": [{"host_path": "/dev/dri", "mount_path": "/dev/dri"}],
         "devices": None,
     },
+    "volumes: [{source: bags, target: /b, volume: {subpath: c}}]": {
+        "volumes": [{"name": "bags", "mount_path": "/b", "sub_path": "c"}]
+    },
     "volumes: ['/dev:/dev:ro,z']": {
         "volumes": [{"host_path": "/dev", "mount_path": "/dev", "read_only": True}]
     },
-    "ports: ['81:80', '127.0.0.1:53:53/udp', {target: 7, published: 8}]\nexpose: [9]": {
+    "ports: ['81:80', '127.0.0.1:53:53/udp', {target: 7, published: 8}]\nexpose: [9, 80]": {
         "ports": [
             {"port": 80, "service_port": 81},
             {"port": 53, "protocol": "UDP"},
@@ -147,6 +153,12 @@ REMARKS = {
     "volumes: [/var/run/docker.sock:/x]": "4: /var/run/docker.sock is not mounted: ",
     "volumes: [./base.yaml:/b]": "4: /b is read-only: what the program writes needs a volume",
     "volumes: ['$HOME/.ssh:/s']": "4: ~/.ssh is not mounted at /s",
+    "volumes: [{type: image, source: a, target: /a}]": "4: a is not mounted: copy what it needs",
+    "volumes: ['bags:/bags']": "4: a volume is empty at first: docker copies what the image has",
+    "devices: ['/dev/ttyUSB*']": '4: "/dev/ttyUSB*" is not a device: write its path, or {resource',
+    "devices: [nvidia.com/gpu=all]": '4: "nvidia.com/gpu=all" is not a device',
+    "ports: ['80:80', '81:80']": "4: 81 is not carried over: 80 has one port already",
+    "ports: ['80:80']": "4: ports are open inside of the cluster: for others set `service_type`",
     "volumes: [/cache]": "4: /cache is a part of the pod, and empty in each new one",
     "network_mode: none": "4: `network_mode` is not carried over: each pod has an address of its",
     "runtime: kata": "4: `runtime` is not carried over: set `runtime_class`",
@@ -155,7 +167,7 @@ REMARKS = {
     "secrets: [a]": "4: `secrets` is not carried over: create a Secret",
     "dns: [10.0.0.1]": "4: `dns` is not carried over: set what Kubernetes has",
     "environment: {discovery.type: a}": "4: discovery.type is left out: `env` refuses",
-    "networks: {lab: {ipv4_address: 10.0.0.2}}": "4: its settings on this network are not",
+    "networks: {lab: {ipv4_address: 10.0.0.2}}": "4: `networks.lab` is not carried over: a pod",
     'restart: "no"': "4: `restart` is not carried over: Kubernetes starts",
     "env_file: [robot.env]": "4: robot.env does not exist here",
     "environment:\n- ROS_LOCALHOST_ONLY=1": "5: ROS_LOCALHOST_ONLY is left out: `network` decides",
@@ -250,7 +262,8 @@ def test_files_beside_the_compose_file_are_mounted_where_they_were(project: Path
     Path("docker/one.yaml").write_text("a: 1")
     Path("docker/compose.yaml").write_text(
         "services: {a: {image: x:jazzy, build: ..,"
-        " volumes: ['./maps:/maps:ro', './one.yaml:/etc/one.yaml:ro', './none:/n']}}"
+        " volumes: [{type: bind, source: maps, target: /maps, read_only: true},"
+        " './one.yaml:/etc/one.yaml:ro', './none:/n']}}"
     )
     draft = read(Path("docker/compose.yaml"), Path())
     files = {"/maps": "docker/maps", "/etc/one.yaml": "docker/one.yaml"}
@@ -417,6 +430,13 @@ def test_a_value_of_any_shape_is_read_or_refused(key: str, project: Path) -> Non
         end = "}" if "{" in key else ""
         with contextlib.suppress(UserError):
             convert(f"services:\n  one:\n    image: a:jazzy\n    {key}: {shape}{end}\n")
+
+
+def test_a_port_that_others_name_is_open(project: Path) -> None:
+    """Docker Compose opens all ports of a service to the others."""
+    uri = "environment: [DB=postgres://b:5432/x, OTHER=a.b:1], command: run b:5432 c-b:2"
+    draft = convert(TWO.format(uri, "tty: true"))
+    assert [node.get("ports") for node in draft.nodes.values()] == [None, [{"port": 5432}]]
 
 
 def test_what_others_await_runs_once(project: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,19 +20,14 @@ def import_() -> None:
     """Write a Rigelfile from what describes a robot already."""
 
 
-def output_options(command: Any) -> Any:
-    """Add the options that say where the Rigelfile goes."""
-    for option in (
-        click.option("--force", is_flag=True, help="Overwrite an existing Rigelfile."),
-        click.option("--print", "prints", is_flag=True, help="Print it instead of writing a file."),
-    ):
-        command = option(command)
-    return command
+FORCE = click.option("--force", is_flag=True, help="Overwrite an existing Rigelfile.")
+PRINT = click.option("--print", "prints", is_flag=True, help="Print it instead of writing a file.")
 
 
 @import_.command()
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
-@output_options
+@FORCE
+@PRINT
 @click.pass_context
 def compose(ctx: click.Context, /, file: Path, **output: bool) -> None:
     """Write a Rigelfile from a Docker Compose FILE, each service in a pod.
@@ -56,7 +51,8 @@ def compose(ctx: click.Context, /, file: Path, **output: bool) -> None:
     multiple=True,
     help="Read this package there.  [default: search the workspace]",
 )
-@output_options
+@FORCE
+@PRINT
 @click.pass_context
 def launch(
     ctx: click.Context,

@@ -26,11 +26,9 @@ READ = frozenset(
 )
 RESERVED = "deploy.resources.reservations"
 #: Values of other keys that need no counterpart.
-AS_IS = {
-    "network_mode": ("host", "bridge", "default"),
-    "restart": ("always", "unless-stopped"),
-    "runtime": ("nvidia", "runc"),
-}
+AS_IS = re.compile(
+    "network_mode (host|bridge|default)|restart (always|unless-stopped)|runtime (nvidia|runc)"
+)
 #: The other keys that robots have most often, and what takes their place.
 ADVICE: Mapping[str, str] = {
     "": "set what Kubernetes has in its place in `patch`, if the program needs it",
@@ -263,7 +261,7 @@ def remark_others(service: Service) -> None:
         entries |= {f"{key}.{name}": value for name, value in below.items()}
     for key, value in entries.items():
         is_set = value.content not in (None, "", [], {}) and not key.startswith("x-")
-        if is_set and key not in READ and not (key in AS_IS and value.text in AS_IS[key]):
+        if is_set and key not in READ and not AS_IS.fullmatch(f"{key} {value.written}"):
             advice = ADVICE.get(key) or ADVICE.get(key.partition(".")[0]) or ADVICE[""]
             service.remark(value, f"`{key}` is not carried over: {advice}")
 

@@ -91,7 +91,10 @@ def read_python(
         read_text(file)
         words = [str(file.resolve())]
     if image is None:
-        raise _refuse_python(file)
+        found, _ = find_package(file) or ("PACKAGE", file.parent)
+        node = f"{{ launch: {{ package: {found}, file: {file.name} }} }}"
+        message = f"{file}: a launch file in Python is a program, which is only run in your image"
+        raise UserError(message, hint=f"pass --image, or start it in one pod with a node {node}")
     robot = make_robot("2", file, packages, image)
     take_python(Scope(robot, dict(arguments), robot.remarks), words, image)
     draft = finish_reading(robot, file, arguments, image, distro)
@@ -113,7 +116,10 @@ def finish_reading(
     image: str | None,
     distro: str | None,
 ) -> Draft:
-    """Return a robot as a draft, or raise UserError for unknown arguments, or without nodes."""
+    """Return a robot as a draft; without an image it has that of ROS.
+
+    Raises UserError for unknown arguments, or without nodes.
+    """
     for name in sorted(arguments.keys() - robot.declared):
         message = f'{file}: no argument "{name}"{suggest(name, robot.declared)}'
         raise UserError(message, hint="correct --arg, or leave it out")
@@ -122,11 +128,6 @@ def finish_reading(
         reasons = [f"{remark.place}: {remark.message}" for remark in robot.remarks]
         hint = "pass others with --arg NAME=VALUE, or choose another file"
         raise UserError(message, hint=hint, details=reasons)
-    return make_draft(robot, file, image, distro)
-
-
-def make_draft(robot: Robot, file: Path, image: str | None, distro: str | None) -> Draft:
-    """Return what a file describes as a draft. Without an image it is that of ROS."""
     chosen, remarks = distro or DISTROS[robot.ros], robot.remarks
     if distro is None and robot.ros == "2":
         message = f"nothing names a ROS distribution: pass --distro if it is not {chosen}"
@@ -179,11 +180,3 @@ def finish(options: Mapping[str, Any]) -> dict[str, Any]:
     places = [found.get(key) for key in SUBSTITUTED]
     places += [part.get("parameters") for part in found.get("components", {}).values()]
     return found | ({"substitution_args": True} if has_substitution(places) else {})
-
-
-def _refuse_python(file: Path) -> UserError:
-    """Return the error for a launch file in Python, with what to write instead."""
-    package, _ = find_package(file) or ("PACKAGE", file.parent)
-    node = f"{{ launch: {{ package: {package}, file: {file.name} }} }}"
-    message = f"{file}: a launch file in Python is a program, which is only run in your image"
-    return UserError(message, hint=f"pass --image, or start it in one pod with a node {node}")

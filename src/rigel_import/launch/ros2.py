@@ -38,15 +38,11 @@ def push_namespace(scope: Scope, entity: Entity) -> None:
 
 
 def remap(scope: Scope, entity: Entity) -> None:
-    """Rename a topic or service of nodes; the first one of a name wins.
-
-    Private names, `~/in`, are written in full.
-    """
     remap_private(scope, scope.read_known(entity, "from"), scope.read_known(entity, "to"))
 
 
 def remap_private(scope: Scope, old: str, new: str) -> None:
-    """Rename a topic or service of nodes; private names are written in full."""
+    """Rename a topic or service of nodes; private names, `~/in`, are written in full."""
     names = [old, new]
     for index, name in enumerate(names):
         if name.startswith("~/"):
@@ -100,10 +96,6 @@ def read_plain(text: str, place: Place) -> Any:
     return text if value is None or isinstance(value, dict) else value
 
 
-def take_node(scope: Scope, entity: Entity) -> None:
-    add_node(scope, entity, "exec", "namespace", NODE_TAGS)
-
-
 def take_container(scope: Scope, entity: Entity) -> None:
     """Add a component container with its components, which do not have its own options."""
 
@@ -152,7 +144,7 @@ TAGS = {
     "group": take_group,
     "include": take_include,
     "let": set_argument,
-    "node": take_node,
+    "node": lambda scope, entity: add_node(scope, entity, "exec", "namespace", NODE_TAGS),
     "node_container": take_container,
     "push-ros-namespace": push_namespace,
     "push_ros_namespace": push_namespace,

@@ -32,10 +32,6 @@ OTHERS = {
     "include": MERGED,
     "networks": "nodes share the job's `network`",
 }
-#: Keys whose value may be a list of NAME=value.
-NAMED = ("environment", "args")
-#: Lists that replace those of the service that is extended; others are joined.
-REPLACED = ("command", "entrypoint")
 
 
 def read(file: Path, directory: Path) -> Draft:
@@ -142,7 +138,7 @@ class Project:
 
 def merge(base: Value, own: Value, key: str = "") -> Value:
     """Return a value of a service over that of the service that it extends."""
-    if key in NAMED:
+    if key in ("environment", "args"):  # which may be lists of NAME=value
         return attrs.evolve(own, content={**base.pairs(), **own.pairs()})
     if isinstance(base.content, dict) and isinstance(own.content, dict):
         both = {
@@ -150,7 +146,8 @@ def merge(base: Value, own: Value, key: str = "") -> Value:
             for name, value in own.content.items()
         }
         return attrs.evolve(own, content={**base.content, **both})
-    if isinstance(base.content, list) and isinstance(own.content, list) and key not in REPLACED:
+    joined = key not in ("command", "entrypoint")
+    if joined and isinstance(base.content, list) and isinstance(own.content, list):
         return attrs.evolve(own, content=[*base.content, *own.content])
     return own
 

@@ -19,7 +19,9 @@ from rigel_k8s.errors import RigelK8sError, UserError
 LOST = {
     "cwd": "set WORKDIR in the image",
     "executable": "write it as a node with `ros: none` and `args`",
+    "env": "set it in a group around the `include`",
     "launch-prefix": "write the whole line as `args`, without `package` and `executable`",
+    "lifecycle_node": "write it as a node with `lifecycle: { start: [configure, activate] }`",
     "load_composable_node": "write its nodes as `components` of the container",
     "machine": "set `placement: { node: NAME }`",
     "on_exit": "Kubernetes starts this node again, and stops no other one",
@@ -29,7 +31,7 @@ LOST = {
 UNNAMED: Options = {"anonymous": True, "update": {"strategy": "Recreate"}}
 NO_NAME = "it has no fixed name; if you know it, set it, without `anonymous` and `update`"
 #: Tags without an effect on a cluster.
-IGNORED = ("log", "machine")
+IGNORED = ("log", "log_info", "machine", "set_use_sim_time", "test")
 
 
 def take(scope: Scope, entities: Iterable[Entity], tags: Tags) -> None:
@@ -48,7 +50,7 @@ def take(scope: Scope, entities: Iterable[Entity], tags: Tags) -> None:
 
 def describe_lost(name: str) -> str:
     """Return the remark about a tag or attribute that is not carried over."""
-    return f"`{name}` is not carried over" + (f": {LOST[name]}" if name in LOST else "")
+    return f"`{name}` is not carried over: {LOST.get(name, 'set options of nodes for it')}"
 
 
 # Arguments and environment variables
@@ -106,7 +108,7 @@ def include(scope: Scope, entity: Entity, text: str, passed: Arguments) -> None:
     """
     match = re.fullmatch(r"\$\((?:find|find-pkg-share) (\S+)\)/+([^$]+)", text)
     if match is None and "$(" in text:
-        raise LeftOut(f"only a container knows `{text}`")
+        raise LeftOut(f"only a container knows `{text}`: write its path")
     package, path = match.groups() if match else ("", text)
     directory = scope.robot.packages.get(package) if match else scope.robot.files[-1].parent
     file = directory / path if directory else None
@@ -182,7 +184,7 @@ def add_node(scope: Scope, entity: Entity, executable: str, namespace: str, tags
         inner.remark(entity.place, NO_NAME)
     take(inner, entity.children, tags)
     for key in LOST:
-        if str(entity.values.get(key, "false")).lower() not in ("false", "0", ""):
+        if inner.read(entity, key, "").lower() not in ("false", "0", ""):
             inner.remark(entity.place, describe_lost(key))
     add_options(inner, entity.place, name, options | inner.options)
 

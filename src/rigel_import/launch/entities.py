@@ -55,7 +55,7 @@ def read_file(file: Path) -> Entity:
 
 def read_xml(text: str, name: str) -> Entity:
     """Return the root of an XML file. Raises UserError if it is not one."""
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate("utf-8")  # whatever its first line says: it is decoded already
     parser.buffer_text = True
     opened = [Entity("", Place(name, 1))]
 

@@ -17,6 +17,7 @@ COMPARISONS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
+    ast.In: lambda one, many: one in many,
 }
 
 
@@ -57,7 +58,7 @@ def evaluate(expression: str, get: Callable[[str], Any]) -> Any:
     """Return the value of `$(eval EXPRESSION)`. Python's eval() is not used.
 
     It may have literals, arguments (`x` or `arg('x')`), comparisons, and, or, not, and
-    `a if b else c`.
+    `a if b else c`, lists.
 
     Args:
         get: returns the value of an argument; raises LeftOut if it is not known.
@@ -79,6 +80,8 @@ def _compute(node: ast.expr, get: Callable[[str], Any]) -> Any:
     match node:
         case ast.Constant(value=str() | int() | float()):
             return node.value
+        case ast.List(elts=parts) | ast.Tuple(elts=parts):
+            return [_compute(part, get) for part in parts]
         case ast.Name(id="true" | "false"):
             return node.id == "true"
         case (
@@ -98,4 +101,4 @@ def _compute(node: ast.expr, get: Callable[[str], Any]) -> Any:
             return _compute(last, get)
         case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in COMPARISONS:
             return COMPARISONS[type(op)](_compute(left, get), _compute(right, get))
-    raise ValueError(f"`{ast.unparse(node)}` is not evaluated here")
+    raise ValueError(f"`{ast.unparse(node)}` is not evaluated here: write its value")

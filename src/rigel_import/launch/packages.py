@@ -11,7 +11,6 @@ from pathlib import Path
 from rigel_k8s.errors import UserError
 from rigel_k8s.rigelfile.findings import suggest
 
-MANIFEST = "package.xml"
 NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 #: Directories that are not searched.
 BUILT = ("build", "install", "devel", "log")
@@ -30,7 +29,7 @@ def find_package(file: Path) -> tuple[str, Path] | None:
 def read_name(directory: Path) -> str | None:
     """Return the name of the package whose directory it is, None for another directory."""
     try:
-        match = NAME.search((directory / MANIFEST).read_text("utf-8", "replace"))
+        match = NAME.search((directory / "package.xml").read_text("utf-8", "replace"))
     except OSError:
         return None
     return match[1] if match else None

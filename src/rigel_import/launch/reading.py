@@ -35,8 +35,6 @@ OPTIONS = {"1": {}, "2": {"network": "peers"}}  # the network that works on each
 OF_ROS1 = re.compile(r"<node\s[^>]*\btype\s*=|<rosparam\b|\$\((arg|find|optenv) ")
 #: An expression that names a package.
 FIND = re.compile(r"\$\(find(?:-pkg-share|-pkg-prefix)? ([\w-]+)\)")
-#: The jobs that build an image.
-BUILD = "jobs of rigel_k8s.DockerfilePlugin and rigel_k8s.BuildXPlugin"
 #: Options in which a container replaces expressions.
 SUBSTITUTED = ("args", "launch", "env", "parameters", "parameter_files", "parameter_commands")
 
@@ -61,7 +59,9 @@ def read(
     """
     if file.suffix == ".py":
         return read_python([str(file)], arguments, packages, image, distro)
-    ros = "1" if OF_ROS1.search(read_text(file)) else "2"
+    text = read_text(file)
+    unclear = not re.search(r"\bexec\s*=|find-pkg-share|^launch:|\$\(var ", text, re.MULTILINE)
+    ros = "1" if OF_ROS1.search(text) or (unclear and distro in SUPPORTED["1"]) else "2"
     if distro is not None and distro not in SUPPORTED[ros]:
         raise UserError(
             f"{file} is a launch file of ROS {ros}, and {distro} is not",
@@ -153,7 +153,8 @@ def describe_packages(robot: Robot, distro: str) -> str:
     """Return which packages of the workspace the image must have, and how; "" if none."""
     used = sorted(robot.packages.keys() & {*list_packages([robot.nodes, robot.options])})
     count = "package" if len(used) == 1 else "packages"
-    way = f"build one from this workspace with {BUILD}"
+    way = "build one from this workspace with jobs of rigel_k8s.DockerfilePlugin and"
+    way += " rigel_k8s.BuildXPlugin"
     if robot.ros == "1":
         way += f", or mount a folder of scripts at /opt/ros/{distro}/share/PACKAGE with `files`"
     return f"the image must have the {count} {', '.join(used)}: {way}" if used else ""

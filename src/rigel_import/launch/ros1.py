@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from rigel_import.launch.actions import add_node, include, read_passed, set_argument, set_env, take
 from rigel_import.launch.entities import Entity
 from rigel_import.launch.expressions import LeftOut
@@ -70,11 +72,13 @@ def load(scope: Scope, entity: Entity, above: str, options: Options) -> None:
     substitutes = scope.is_true(entity, "subst_value")
     if "file" in entity.values:
         file = {"image_file": scope.read(entity, "file")} | ({"namespace": name} if name else {})
-        options.setdefault("parameter_files", []).append(file)
+        scope.add_file(entity, options, file)
         if substitutes:
             scope.remark(entity.place, "expressions in this file are not replaced (subst_value)")
         return
     text = scope.resolve(entity.text, entity.place) if substitutes else entity.text
+    if re.search(r"!(degrees|radians)\b|\b(deg|rad)\(", text):
+        raise LeftOut("roslaunch computes angles in it: write them as numbers")
     value = read_yaml(text, entity.place)
     if name:
         put(options, "parameters", name, value)

@@ -14,7 +14,7 @@ from rigel_import.launch.scope import Scope, join
 from rigel_k8s.errors import UserError
 
 #: The value of a parameter that a program prints.
-COMMAND = re.compile(r"""\s*\$\(command\s+(['"]?)(.+)\1\s*\)\s*""", re.DOTALL)
+COMMAND = re.compile(r"""\s*\$\(command\s+(['"])(.+?)\1(\s+['"]?\w+['"]?)?\s*\)\s*""", re.S)
 
 
 def take_group(scope: Scope, entity: Entity) -> None:
@@ -52,11 +52,10 @@ def remap_private(scope: Scope, old: str, new: str) -> None:
     scope.options.setdefault("remappings", {}).setdefault(*names)
 
 
-def set_param(scope: Scope, entity: Entity) -> None:
+def set_param(scope: Scope, entity: Entity, option: str = "parameters") -> None:
     """Set a parameter: a value, nested ones, or what a command prints; or those of a file."""
     if "from" in entity.values:
-        file = {"image_file": scope.read(entity, "from")}
-        scope.options.setdefault("parameter_files", []).append(file)
+        scope.add_file(entity, scope.options, {"image_file": scope.read(entity, "from")})
         if scope.is_true(entity, "allow_substs"):
             scope.remark(entity.place, "expressions in this file are not replaced (allow_substs)")
         return
@@ -65,7 +64,7 @@ def set_param(scope: Scope, entity: Entity) -> None:
         line = scope.resolve(command[2], entity.place)
         put(scope.options, "parameter_commands", name, " ".join(line.split()))
     else:
-        put(scope.options, "parameters", name, read_value(scope, entity))
+        put(scope.options, option, name, read_value(scope, entity))
 
 
 def read_value(scope: Scope, entity: Entity) -> Any:
@@ -131,14 +130,12 @@ def name_component(scope: Scope, place: Place, plugin: str) -> str:
     return name
 
 
-def set_extra_argument(scope: Scope, entity: Entity) -> None:
-    """Set an argument of a component that is not a parameter."""
-    name = scope.read_known(entity, "name")
-    put(scope.options, "extra_arguments", name, read_value(scope, entity))
-
-
 NODE_TAGS = {"env": set_env, "param": set_param, "remap": remap}
-COMPONENT_TAGS = {"extra_arg": set_extra_argument, "param": set_param, "remap": remap}
+COMPONENT_TAGS = {
+    "extra_arg": lambda scope, entity: set_param(scope, entity, "extra_arguments"),
+    "param": set_param,
+    "remap": remap,
+}
 TAGS = {
     "arg": set_argument,
     "group": take_group,

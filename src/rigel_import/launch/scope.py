@@ -85,6 +85,13 @@ class Scope:
         """Add a remark about the job, or about the node whose scope it is."""
         self.remarks.append(Remark(place, message))
 
+    def add_file(self, entity: Entity, options: Options, file: Options) -> None:
+        """Add a parameter file, after which a Rigelfile has its values, whatever comes first."""
+        above = file.get("namespace", "")
+        if any(name.startswith(above) for name in options.get("parameters", ())):
+            self.remark(entity.place, "values before this file win here, not its own: remove them")
+        options.setdefault("parameter_files", []).append(file)
+
     def read(self, entity: Entity, key: str, default: str | None = None) -> str:
         """Return an attribute, with the expressions that only a container replaces.
 
@@ -128,8 +135,13 @@ class Scope:
         except ValueError as error:
             raise LeftOut(f"`$({inner})`: {error}") from None
         match word, words:
-            case "arg" | "var", [name]:
+            case "var", [name, other] if name not in self.arguments:
+                return other
+            case "arg" | "var", [name] | [name, _]:
                 return self._get(name, place)
+            case ("not", [_]) | ("and" | "or", [_, _]):
+                expression = f" {word} ".join(words) if len(words) > 1 else f"not {words[0]}"
+                return self._replace(f"eval {expression.lower()}", place)
             case "anon", [name]:
                 return name
             case "dirname", []:
@@ -138,7 +150,7 @@ class Scope:
                 return f"$(optenv {name})"
         expression = f"$({' '.join([word, *words])})"
         if "$(" in inner or not is_substituted(expression):
-            raise LeftOut(f"a container cannot replace `$({inner})`")
+            raise LeftOut(f"a container cannot replace `$({inner})`: write its value")
         return expression
 
     def _find_dirname(self) -> str:
@@ -171,8 +183,7 @@ class Scope:
         def take_default(match: re.Match[str]) -> str:
             word, *words = match[1].split()
             if word != "optenv" and len(words) < 2:
-                way = "pass an argument with --arg, or edit the file"
-                raise LeftOut(f"only a container knows `{match[0]}`; {way}")
+                raise LeftOut(f"only a container knows `{match[0]}`; pass --arg, or edit the file")
             message = f"`{match[0]}` is taken as its default; edit the file for another value"
             self.remark(place, message)
             return " ".join(words[1:])

@@ -124,6 +124,11 @@ def test_packages_of_the_workspace_must_be_in_the_image(node: str, mounts: bool)
         ("""if="$(eval '\\'$(arg mode)\\' == \\'fast\\'')\"""", True),
         ('if="$(optenv X false)"', False),
         ('if="$(eval variable)"', True),
+        ("""if="$(eval mode in ['slow', 'fast'])\"""", True),
+        ('if="$(not $(arg off))"', True),
+        ('if="$(and $(arg on) $(arg off))"', False),
+        ('if="$(or $(arg off) True)"', True),
+        ('if="$(var none false)"', False),
     ],
 )
 def test_a_condition_decides(condition: str, kept: bool) -> None:  # noqa: FBT001
@@ -319,8 +324,15 @@ def test_a_workspace_is_searched_without_what_it_built() -> None:
     [
         ('<node pkg="nodelet" type="nodelet" name="n" args="load p/A b"/>', "`components`"),
         (f'{NODE}<rosparam command="delete" param="x"/>', "`rosparam` is left out: `command` is d"),
+        (f"{NODE}<rosparam>a: deg(90)</rosparam>", "roslaunch computes angles in it: write"),
+        (f"{NODE}<rosparam>a: !degrees 90</rosparam>", "roslaunch computes angles in it: write"),
+        (f'{NODE}<param name="x" value="1"/><rosparam file="f"/>', "values before this file win"),
+        (
+            f'{NODE}<include file="$(find p)/a"><env name="a" value=""/></include>',
+            "in a group around",
+        ),
         (f'{NODE}<param name="x" binfile="f"/>', "a binary file cannot be a parameter"),
-        (f'{NODE}<group if="$(env X)"/>', "only a container knows `$(env X)`; pass an argument"),
+        (f'{NODE}<group if="$(env X)"/>', "only a container knows `$(env X)`; pass --arg, or"),
         (f'{NODE}<group if="$(optenv X 1)"/>', "`$(optenv X 1)` is taken as its default"),
         (f'{NODE}<remap from="a" to="$(find p)"/>', "`remap` is left out: only a container"),
         (f'{NODE}<env name="a" value="$(optenv X $(find p))"/>', "a container cannot replace"),
@@ -373,12 +385,13 @@ def test_parameters_are_values_trees_files_and_commands() -> None:
       <param name="h" value="4" type="str"/><param name="i" value="a: b: c"/>
       <param from="$(find-pkg-share q)/f.yaml" allow_substs="true"/>
       <param name="j" value="$(command 'xacro $(find-pkg-share q)/r.xacro')"/>
-      <param name="k" value="1" if="false"/></node>"""
+      <param name="k" value="1" if="false"/>
+      <param name="m" value="$(command 'cat x' 'warn')"/></node>"""
     draft = convert(text)
     values = {"a": 1, "b": "1", "c": {"d": "x", "e": True}, "f": [1, 2], "g": "$(env X 3)"}
     assert draft.nodes["n"]["parameters"] == values | {"h": "4", "i": "a: b: c"}
     assert draft.nodes["n"]["parameter_files"] == [{"image_file": "$(find-pkg-share q)/f.yaml"}]
-    commands = {"j": "xacro $(find-pkg-share q)/r.xacro"}
+    commands = {"j": "xacro $(find-pkg-share q)/r.xacro", "m": "cat x"}
     assert draft.nodes["n"]["parameter_commands"] == commands
     assert draft.nodes["n"]["substitution_args"] is True
     assert "are not replaced (allow_substs)" in list_remarks(draft)
@@ -402,6 +415,9 @@ def test_the_distribution_is_the_users() -> None:
     assert "pass --distro if it is not lyrical" in list_remarks(draft)
     with pytest.raises(UserError, match="is a launch file of ROS 2, and noetic is not"):
         read(Path("a.launch"), {}, {}, "r:1", "noetic")
+    Path("b.launch").write_text('<launch><include file="c.launch"/></launch>')
+    Path("c.launch").write_text(f"<launch>{NODE}</launch>")
+    assert read(Path("b.launch"), {}, {}, "r:1", "noetic").distro == "noetic"
 
 
 def test_components_belong_to_their_container() -> None:
@@ -426,6 +442,16 @@ def test_components_belong_to_their_container() -> None:
     assert "gets no parameter files" in list_remarks(draft)
     assert "it gets `two_b`" in list_remarks(draft)
     assert {remark.node for remark in draft.remarks} == {"box", None}
+
+
+def test_a_prefix_that_an_argument_leaves_empty_is_none() -> None:
+    text = '<arg name="a" default=""/><node pkg="p" exec="t" name="n" launch-prefix="$(var a)"/>'
+    assert list_remarks(convert(text)).count("\n") == 0
+
+
+def test_the_text_is_that_of_the_file_whatever_its_first_line_says() -> None:
+    first = '<?xml version="1.0" encoding="ISO-8859-1"?>'
+    assert convert_one(f"{first}<launch>{NODE[:-2]} args='é'/></launch>")["args"] == "é"
 
 
 def test_the_first_remapping_wins() -> None:

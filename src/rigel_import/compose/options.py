@@ -35,6 +35,7 @@ ADVICE: Mapping[str, str] = {
     "build": "set it in the Dockerfile, or as an option of the job that builds the image",
     "build.target": "let the Dockerfile end with this stage",
     "configs": "add the file to `files`",
+    "deploy.restart_policy": "Kubernetes starts a program again that has ended",
     "depends_on": "all nodes start at once and find each other when they are there; a program that"
     " gives up is started again",
     "extra_hosts": "set hostAliases of the pod in `patch`",

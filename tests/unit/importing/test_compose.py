@@ -161,6 +161,7 @@ REMARKS = {
     "ports: ['80:80']": "4: ports are open inside of the cluster: for others set `service_type`",
     "volumes: [/cache]": "4: /cache is a part of the pod, and empty in each new one",
     "network_mode: none": "4: `network_mode` is not carried over: each pod has an address of its",
+    "deploy: {restart_policy: {condition: none}}": "4: `deploy.restart_policy` is not carried over",
     "runtime: kata": "4: `runtime` is not carried over: set `runtime_class`",
     "build: {target: a, tags: [b]}": "4: `build.tags` is not carried over: set it in the",
     "build: https://example.org/robot.git": "4: its context is not a directory: clone it",

@@ -11,20 +11,33 @@ from rigel_k8s.release.types import Desired, ReleaseId
 NAMESPACE = "n"
 RELEASE = ReleaseId(NAMESPACE, "demo")
 NAME = "app.kubernetes.io/name"
+API_VERSIONS = {
+    "Deployment": "apps/v1",
+    "Job": "batch/v1",
+    "Lease": "coordination.k8s.io/v1",
+    "StatefulSet": "apps/v1",
+    "StorageClass": "storage.k8s.io/v1",
+}
+CLUSTER_WIDE = ("Namespace", "PersistentVolume", "StorageClass")
 
 
 def desired(*objects: dict[str, Any], **more: Any) -> Desired:
     return Desired(RELEASE, objects, **more)
 
 
+def make(kind: str, name: str, **content: Any) -> dict[str, Any]:
+    """Return an object of the release's namespace, or of the whole cluster."""
+    api_version = ref(kind, name).api_version
+    meta = {"name": name} if kind in CLUSTER_WIDE else {"name": name, "namespace": NAMESPACE}
+    return {"apiVersion": api_version, "kind": kind, "metadata": meta, **content}
+
+
 def config(name: str = "c", **data: str) -> dict[str, Any]:
-    meta = {"name": name, "namespace": NAMESPACE}
-    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
+    return make("ConfigMap", name, data=data)
 
 
-def claim(name: str = "data") -> dict[str, Any]:
-    meta = {"name": name, "namespace": NAMESPACE}
-    return {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "metadata": meta, "spec": {}}
+def claim(name: str = "data", **spec: Any) -> dict[str, Any]:
+    return make("PersistentVolumeClaim", name, spec=spec)
 
 
 def workload(
@@ -66,5 +79,4 @@ def workload(
 
 def ref(kind: str, name: str) -> ObjectRef:
     """Return the reference of an object of the release's namespace."""
-    groups = {"Deployment": "apps/v1", "Lease": "coordination.k8s.io/v1"}
-    return ObjectRef(groups.get(kind, "v1"), kind, NAMESPACE, name)
+    return ObjectRef(API_VERSIONS.get(kind, "v1"), kind, NAMESPACE, name)

@@ -146,24 +146,18 @@ def test_what_someone_has_stopped_is_not_ready(
     else:
         fake.as_manager("kubectl").patch(TALKER, {"spec": change})
     fake.settle()
-    found = status(fake, RELEASE)
-    assert found is not None
-    talker = next(one for one in found.workloads if one.name == "talker")
+    talker = next(one for one in status(fake, RELEASE).workloads if one.name == "talker")
     assert words in talker.message
     assert not talker.ok
 
     deploy(wanted, fake, report=report, adopt=True)
-    again = status(fake, RELEASE)
-    assert again is not None
-    assert all(one.ok for one in again.workloads)
+    assert all(one.ok for one in status(fake, RELEASE).workloads)
 
 
 def test_what_the_rigelfile_stops_is_as_it_is_to_be(fake: FakeCluster, report: Any) -> None:
     """A node with `replicas: 0`."""
     deploy(desired(workload(replicas=0)), fake, report=report)
-    found = status(fake, RELEASE)
-    assert found is not None
-    assert all(one.ok for one in found.workloads)
+    assert all(one.ok for one in status(fake, RELEASE).workloads)
 
 
 SERVICE: dict[str, Any] = {

@@ -11,8 +11,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
-from rigel_k8s.objects.marks import IMAGE_ANNOTATION
-from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.listing import list_releases
@@ -23,7 +22,7 @@ from rigel_k8s.release.rollout.patience import Patience
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
-from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
+from tests.support.manifests import RELEASE, claim, config, desired, make, ref, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy, diff, down, make_run, rollback
 
@@ -42,11 +41,6 @@ def once(fake: FakeCluster, verb: str, what: ObjectRef, then: Callable[[], objec
     fake.store.before = before
 
 
-def kind(name: str, which: str, api_version: str = "v1", **content: Any) -> dict[str, Any]:
-    meta = {"name": name, "namespace": "n"}
-    return {"apiVersion": api_version, "kind": which, "metadata": meta, **content}
-
-
 # Others.
 
 
@@ -57,6 +51,14 @@ def test_a_deploy_that_ended_since_the_look_is_looked_at(fake: Any, report: Reco
     revision = deploy(desired(config("ours")), fake, report=report)
     assert revision.number == 2
     assert fake.names("ConfigMap") == {"ours"}
+
+
+def test_what_another_deploy_has_done_meanwhile_is_not_done_again(
+    fake: Any, report: Recorder
+) -> None:
+    once(fake, "create", LEASE, lambda: deploy(desired(config()), fake, report=report))
+    assert deploy(desired(config()), fake, report=report).number == 1
+    assert [r.status for r in history(fake, RELEASE)] == ["good"]
 
 
 def test_nothing_is_made_where_there_is_no_namespace(report: Recorder) -> None:
@@ -139,7 +141,7 @@ def test_an_interruption_is_heard_between_objects(fake: Any, report: Recorder) -
 def test_a_rollback_keeps_secrets_as_they_are(fake: Any, report: Recorder) -> None:
     """They stand in no revision: there is nothing to put them back to, and pods want them."""
     for number in (1, 2):
-        secret = kind("s", "Secret", stringData={"k": str(number)})
+        secret = make("Secret", "s", stringData={"k": str(number)})
         deploy(desired(config(k=str(number)), secret), fake, report=report)
     rollback(fake, RELEASE, report=report)
     assert fake.objects[ref("ConfigMap", "c")]["data"] == {"k": "1"}
@@ -153,7 +155,7 @@ def test_a_rollback_keeps_secrets_as_they_are(fake: Any, report: Recorder) -> No
 
 
 def test_what_others_need_goes_last(fake: Any, report: Recorder) -> None:
-    objects = [kind("a", "ServiceAccount"), config("c"), kind("s", "Service", spec={})]
+    objects = [make("ServiceAccount", "a"), config("c"), make("Service", "s", spec={})]
     deploy(desired(workload("w"), *objects), fake, report=report)
     fake.calls.clear()
     deploy(desired(), fake, report=report)
@@ -173,7 +175,7 @@ def test_a_kind_is_served_before_its_objects_are_applied(fake: Any, report: Reco
             "versions": [{"name": "v1", "served": True}],
         },
     }
-    robot = kind("r2", "Robot", "example.com/v1")
+    robot = {**make("Robot", "r2"), "apiVersion": "example.com/v1"}
     deploy(desired(robot, definition), fake, report=report)
     assert fake.names("Robot") == {"r2"}
 
@@ -263,19 +265,6 @@ def test_a_cause_that_lasts_is_told_once_with_its_remedy(
     assert report.warnings == []
 
 
-def test_an_image_that_another_option_sets_is_told_with_it(
-    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Roscore's image is a name that no user has written."""
-    leap_when_shown(monkeypatch, report, Patience().image, ("ros-master", "cannot be pulled"))
-    fake.store.controllers = Controllers(unpulled)
-    master = workload("ros-master")
-    master["metadata"]["annotations"] = {IMAGE_ANNOTATION: "set `ros_master_image`"}
-    with pytest.raises(RolloutFailed) as caught:
-        deploy(desired(master), fake, report=report)
-    assert str(caught.value.hint).startswith("set `ros_master_image`; push it")
-
-
 def test_a_cause_that_passes_is_told(fake: Any, report: Recorder, quick: None) -> None:
     """When it is over: no error will name it."""
     shown = ("talker", "image app:1 cannot be pulled: not found", False)
@@ -310,7 +299,7 @@ def test_what_only_events_tell_is_told(
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
         about = {"uid": pod["metadata"]["uid"], "name": pod["metadata"]["name"], "kind": "Pod"}
         words = {"type": "Warning", "reason": "FailedMount", "message": "no such map"}
-        event = kind(f"e-{pod['metadata']['name']}", "Event", involvedObject=about, **words)
+        event = make("Event", f"e-{pod['metadata']['name']}", involvedObject=about, **words)
         if ref("Event", event["metadata"]["name"]) not in fake.objects:
             fake.store.commit(ref("Event", event["metadata"]["name"]), None, event)
         return {"phase": "Pending"}
@@ -318,28 +307,3 @@ def test_what_only_events_tell_is_told(
     fake.store.controllers = Controllers(kubelet)
     with pytest.raises(RolloutFailed, match="FailedMount: no such map"):
         deploy(desired(workload()), fake, report=report)
-
-
-class Full(Controllers):
-    """A namespace whose quota accepts no further pod."""
-
-    def replica_set(self, store: Any, replica_set: Any) -> None:
-        """Make no pod."""
-
-    def deployment(self, store: Any, live: Any) -> None:
-        super().deployment(store, live)
-        refused = 'pods "talker-1" is forbidden: exceeded quota: small, limited: pods=1'
-        condition = {"type": "ReplicaFailure", "status": "True", "message": refused}
-        status = store.objects[ref_of(live)]["status"]
-        self.status(store, store.objects[ref_of(live)], {**status, "conditions": [condition]})
-
-
-def test_a_quota_that_is_full_is_the_cause(
-    fake: Any, report: Recorder, quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each pod alone fits, so no dry run names it: the roll-out does, with Kubernetes' numbers."""
-    leap_when_shown(monkeypatch, report, Patience().quota, ("talker", "exceeded quota"))
-    fake.store.controllers = Full()
-    with pytest.raises(RolloutFailed, match=r"exceeded quota: small, limited: pods=1") as caught:
-        deploy(desired(workload()), fake, report=report)
-    assert str(caught.value.hint).startswith("request less, or have it raised")

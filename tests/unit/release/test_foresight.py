@@ -15,7 +15,8 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.refusals.foresight import choose_trials, contains
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
-from tests.support.manifests import RELEASE, config, desired, workload
+from tests.support.fake_cluster import FakeCluster
+from tests.support.manifests import RELEASE, config, desired, make, workload
 from tests.support.releases import deploy, diff
 
 POD_SECURITY = (
@@ -33,6 +34,13 @@ def refuse_pods(message: str, status: int = 403) -> Callable[[Any, bool], Refusa
             return None
         answer = json.dumps({"message": message}).encode()
         return refusal(status, answer, "create Pod n/", context="c", server="s")
+
+    return refuse
+
+
+def raising(error: ClusterError) -> Callable[..., None]:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise error
 
     return refuse
 
@@ -155,13 +163,11 @@ def test_the_same_template_is_tried_once(fake: Any, report: Any) -> None:
 
 def test_an_account_that_is_to_come_does_not_refuse_its_pods(fake: Any) -> None:
     """A service account of the release itself is not there when its pods are tried."""
-    meta = {"name": "robot", "namespace": "n"}
-    account = {"apiVersion": "v1", "kind": "ServiceAccount", "metadata": meta}
     user = workload()
     user["spec"]["template"]["spec"]["serviceAccountName"] = "robot"
     seen = []
     fake.store.refuse = lambda live, dry_run: seen.append(live)
-    diff(Desired(RELEASE, (user, account)), fake)
+    diff(Desired(RELEASE, (user, make("ServiceAccount", "robot"))), fake)
     [pod] = [live for live in seen if live["kind"] == "Pod"]
     assert "serviceAccountName" not in pod["spec"]
 
@@ -228,8 +234,7 @@ def test_a_role_is_no_remedy_for_a_right_in_the_whole_cluster(
     """The Role of `rigel rbac` lies in a namespace and would change nothing."""
     inside = ["namespaces", "secrets", "leases", "configmaps"]
     fake.store.rules = [{"apiGroups": ["*"], "resources": inside, "verbs": ["*"]}]
-    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
-    wanted = Desired(RELEASE, (volume, config()), remedies=remedies)
+    wanted = Desired(RELEASE, (make("PersistentVolume", "v"), config()), remedies=remedies)
     with pytest.raises(Forbidden) as caught:
         deploy(wanted, fake, report=report)
     assert caught.value.details == (
@@ -239,39 +244,27 @@ def test_a_role_is_no_remedy_for_a_right_in_the_whole_cluster(
     assert caught.value.hint == remedies.get("PersistentVolume", other)
 
 
-def test_a_refused_look_lists_all_missing_rights_too(fake: Any, report: Any) -> None:
+def test_a_refused_look_lists_all_missing_rights_too(
+    fake: Any, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first request that is refused would name one right alone."""
     fake.store.rules = []
     wanted = Desired(RELEASE, (workload(),), remedies={"Deployment": "leave it out"})
-    broken = attrs.evolve(fake)
     text = b'{"message": "User \\"a\\" cannot list resource \\"deployments\\""}'
     error = refusal(403, text, "list Deployments", context="c", server="s")
-
-    class Blind:
-        def __getattr__(self, name: str) -> Any:
-            return getattr(broken, name)
-
-        def list(self, *_: Any, **__: Any) -> Any:
-            raise error
-
+    monkeypatch.setattr(FakeCluster, "list", raising(error))
     with pytest.raises(Forbidden, match="right") as caught:
-        deploy(wanted, Blind(), report=report)  # type: ignore[arg-type]
+        deploy(wanted, fake, report=report)
     assert "deployments.apps: create, list, patch, watch" in caught.value.details
     assert caught.value.hint == "leave it out"
 
 
-def test_rights_that_cannot_be_asked_for_are_not_missing(fake: Any, report: Any) -> None:
+def test_rights_that_cannot_be_asked_for_are_not_missing(
+    fake: Any, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A cluster that does not say what we may do gets the deploy as it is."""
-
-    class Silent:
-        def __getattr__(self, name: str) -> Any:
-            return getattr(fake, name)
-
-        def review(self, *_: Any) -> Any:
-            raise ClusterError("no review")
-
-    done = deploy(Desired(RELEASE, (config("c"),)), Silent(), report=report)  # type: ignore[arg-type]
-    assert done.status == "good"
+    monkeypatch.setattr(FakeCluster, "review", raising(ClusterError("no review")))
+    assert deploy(Desired(RELEASE, (config("c"),)), fake, report=report).status == "good"
 
 
 def test_what_an_incomplete_list_of_rights_lacks_is_asked_for(fake: Any, report: Any) -> None:

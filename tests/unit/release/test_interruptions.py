@@ -13,17 +13,12 @@ from rigel_k8s.release.revisions import history
 from rigel_k8s.release.types import Desired, Plan, Revision
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store
-from tests.support.manifests import RELEASE, claim, config, desired, workload
+from tests.support.manifests import RELEASE, claim, config, desired, make, workload
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy, diff, down, rollback
 
 LEASE = lease_ref(RELEASE)
-VOLUME = {
-    "apiVersion": "v1",
-    "kind": "PersistentVolume",
-    "metadata": {"name": "v"},
-    "spec": {"capacity": {"storage": "1Mi"}},
-}
+VOLUME = make("PersistentVolume", "v", spec={"capacity": {"storage": "1Mi"}})
 IDLE: Mapping[str, Any] = {"replicas": 0}
 EMPTY: Desired = desired(create_namespace=True)
 #: What is there before, and what the killed deploy wants.
@@ -65,7 +60,7 @@ def prepared(*releases: Desired, create: bool = True) -> FakeCluster:
     """Return a cluster on which releases were deployed, one after the other."""
     before = FakeCluster(Store(controllers=Controllers()))
     if create:
-        before.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}})
+        before.create(make("Namespace", "n"))
     for wanted in releases:
         deploy(wanted, before, report=Recorder())
     return before

@@ -10,7 +10,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import locking
 from rigel_k8s.release.locking import (
     DURATION,
@@ -23,7 +23,7 @@ from rigel_k8s.release.locking import (
     process,
 )
 from rigel_k8s.release.revisions import history
-from rigel_k8s.release.types import DeployOptions, Plan
+from rigel_k8s.release.types import DeployOptions
 from tests.support.clock import Clock, Waits
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -50,6 +50,28 @@ def take_over(fake: FakeCluster) -> None:
     taken = manifest("ann@far")
     taken["metadata"] |= {key: held[key] for key in ("uid", "resourceVersion")}
     fake.as_manager("other").replace(taken)
+
+
+@attrs.define
+class Losing(FakeCluster):
+    """A cluster on which another deploy takes the Lease right after the write of an object."""
+
+    last: ObjectRef = LEASE
+
+    def apply(self, made: Any, **options: Any) -> Any:
+        result = super().apply(made, **options)
+        return result if options.get("dry_run") else self.lose(result, ref_of(made))
+
+    def create(self, made: Any, **options: Any) -> Any:
+        return self.lose(super().create(made, **options), ref_of(made))
+
+    def delete(self, ref: ObjectRef, **options: Any) -> bool:
+        return bool(self.lose(super().delete(ref, **options), ref))
+
+    def lose(self, result: Any, ref: ObjectRef) -> Any:
+        if ref == self.last:
+            take_over(self)
+        return result
 
 
 @pytest.fixture
@@ -86,15 +108,8 @@ def test_a_lease_taken_during_the_apply_stops_it(
     """Before the next object, before anything is pruned; the revision is left to its successor."""
     deploy(desired(config("old")), fake, report=report)
 
-    class Watching(FakeCluster):
-        def apply(self, made: Any, **options: Any) -> Any:
-            result = super().apply(made, **options)
-            if not options.get("dry_run") and result["metadata"]["name"] == last.name:
-                take_over(self)
-            return result
-
     with pytest.raises(ClusterError, match="Lease is lost"):
-        deploy(desired(config("a"), workload("w")), Watching(fake.store), report=report)
+        deploy(desired(config("a"), workload("w")), Losing(fake.store, last=last), report=report)
     assert fake.names("ConfigMap") == there
     assert (ref("Deployment", "w") in fake.objects) == (last.kind == "Deployment")
     assert [r.status for r in history(fake, RELEASE)] == ["good", "pending"]
@@ -121,38 +136,19 @@ def test_only_a_process_of_this_machine_can_be_looked_for(part: int | None, aliv
 
 
 @pytest.mark.usefixtures("unsure")
-def test_a_removal_stops_when_its_lease_was_taken(fake: FakeCluster, report: Any) -> None:
-    """What the other deploy makes is not deleted."""
-    deploy(desired(config("a"), config("b")), fake, report=report)
-
-    class Watching(FakeCluster):
-        def create(self, made: Any, **options: Any) -> Any:
-            result = super().create(made, **options)
-            take_over(self)
-            return result
-
-    with pytest.raises(ClusterError, match="Lease is lost"):
-        down(Watching(fake.store), RELEASE, volumes=False, report=report)
-    assert fake.names("ConfigMap") == {"a", "b"}
-    assert len(history(fake, RELEASE)) == 1
-
-
-@pytest.mark.usefixtures("unsure")
-def test_a_removal_forgets_no_history_that_is_another_deploys(
-    fake: FakeCluster, report: Any
+@pytest.mark.parametrize(
+    ("last", "there"),
+    [(LEASE, {"a"}), (ref("ConfigMap", "a"), set())],
+    ids=["before its first deletion", "before it forgets the history"],
+)
+def test_a_removal_stops_when_its_lease_was_taken(
+    fake: FakeCluster, report: Any, last: ObjectRef, there: set[str]
 ) -> None:
-    """It may already be the first revision of what comes next."""
+    """What the other deploy makes is not deleted; it may have written its first revision."""
     deploy(desired(config("a")), fake, report=report)
-
-    class Watching(FakeCluster):
-        def delete(self, ref: ObjectRef, **options: Any) -> bool:
-            done = super().delete(ref, **options)
-            if ref.kind == "ConfigMap":
-                take_over(self)
-            return done
-
     with pytest.raises(ClusterError, match="Lease is lost"):
-        down(Watching(fake.store), RELEASE, volumes=False, report=report)
+        down(Losing(fake.store, last=last), RELEASE, volumes=False, report=report)
+    assert fake.names("ConfigMap") == there
     assert len(history(fake, RELEASE)) == 1
 
 
@@ -177,7 +173,8 @@ def test_a_lease_that_was_made_by_a_request_in_conflict_is_ours(
 ) -> None:
     """Otherwise the process would wait for its own end (bench.chaos, seed 11212)."""
     with hold(Conflicting(fake.store), RELEASE, DeployOptions(report=report, lock_timeout=0)):
-        assert LEASE in fake.objects
+        holder = fake.objects[LEASE]["spec"]["holderIdentity"]
+        assert holder.endswith(f", process {os.getpid()}")
     assert LEASE not in fake.objects
 
 
@@ -272,21 +269,6 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
     assert (LEASE in fake.objects) == (how == "taken over")
 
 
-def test_a_lease_is_renewed_and_given_back(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(locking, "RENEW", 0.01)
-    with hold(fake, RELEASE, DeployOptions(report=report, lock_timeout=0)) as mine:
-        first = fake.objects[LEASE]["metadata"]["resourceVersion"]
-        until(
-            lambda: fake.objects[LEASE]["metadata"]["resourceVersion"] != first,
-            "renewal",
-            every=0.01,
-        )
-        mine.check()
-    assert LEASE not in fake.objects
-
-
 @attrs.define
 class Outage(FakeCluster):
     """A cluster that is away once, for longer than a Lease lasts; its holder is alive."""
@@ -352,8 +334,9 @@ def test_a_lease_that_nobody_renews_is_taken_over_when_it_has_expired(
     waits = Waits(clock)
     assert deploy(desired(config()), fake, report=report, cancel=waits).status == "good"
     assert clock.now == DURATION
-    assert "being changed by ann@far" in report.lines[0]
-    assert report.lines[0].endswith("waiting for its end, 300 s at most")
+    (line,) = [line for line in report.lines if "waiting" in line]
+    assert "being changed by ann@far" in line
+    assert line.endswith("waiting for its end, 300 s at most")
     assert LEASE not in fake.objects
 
 
@@ -372,39 +355,6 @@ def test_a_deploy_that_shall_not_wait_fails_at_once(fake: FakeCluster, report: A
         deploy(desired(config()), fake, report=report, lock_timeout=0)
     assert report.lines == []
     assert ref("ConfigMap", "c") not in fake.objects
-
-
-def test_a_deploy_waits_for_the_one_before_it_and_does_nothing_twice(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It reports for whom it waits; what the other one has done meanwhile is not done again."""
-    monkeypatch.setattr(locking, "LOOK", 0.01)
-    started, go_on = threading.Event(), threading.Event()
-
-    def pause(_: Plan) -> None:
-        started.set()
-        assert go_on.wait(20)
-
-    first = threading.Thread(
-        target=deploy,
-        args=(desired(config(k="1")), fake),
-        kwargs={"report": Recorder(), "before": pause},
-    )
-    first.start()
-    assert started.wait(20)
-
-    class Waiting(Recorder):
-        def line(self, text: str) -> None:
-            super().line(text)
-            go_on.set()
-
-    waiting = Waiting()
-    assert deploy(desired(config(k="1")), fake, report=waiting).number == 1
-    first.join()
-    assert waiting.lines == [waiting.lines[0]]
-    assert f"process {os.getpid()} since" in waiting.lines[0]
-    assert [r.status for r in history(fake, RELEASE)] == ["good"]
-    assert LEASE not in fake.objects
 
 
 def test_a_wait_for_another_deploy_can_be_interrupted(fake: FakeCluster) -> None:

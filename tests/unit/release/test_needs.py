@@ -11,7 +11,7 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.refusals.verdict import Refused
 from tests.support.controllers import STATUSES
 from tests.support.fake_cluster import make_refusal
-from tests.support.manifests import claim, config, desired, ref, workload
+from tests.support.manifests import claim, config, desired, make, ref, workload
 from tests.support.releases import deploy
 
 
@@ -42,6 +42,8 @@ MAP = {"name": "calibration"}
         (volume(persistentVolumeClaim={"claimName": "maps"}), "PersistentVolumeClaim maps"),
         (volume(projected={"sources": [{"configMap": MAP}]}), "ConfigMap calibration"),
         (environment(envFrom=[{"configMapRef": MAP}]), "ConfigMap calibration"),
+        (environment(envFrom=[{"secretRef": {"name": "keys"}}]), "Secret keys"),
+        (environment(envFrom=[{"secretRef": {"name": "keys", "optional": True}}]), None),
         (
             environment(env=[{"name": "A", "valueFrom": {"secretKeyRef": {"name": "keys"}}}]),
             "Secret keys",
@@ -71,29 +73,6 @@ def test_what_does_not_exist_is_refused(
     deploy(wanted, fake, report=report)
 
 
-@pytest.mark.parametrize("optional", [None, False, True])
-def test_each_source_of_variables_must_exist(
-    fake: Any, report: Any, *, optional: bool | None
-) -> None:
-    """A Secret and a ConfigMap with all their keys, each by its name, unless it is optional."""
-    more = {} if optional is None else {"optional": optional}
-    sources = [{"secretRef": {"name": "x", **more}}, {"configMapRef": {"name": "y", **more}}]
-    wanted = desired(environment(envFrom=sources))
-    if optional:
-        deploy(wanted, fake, report=report)
-        return
-    with pytest.raises(Refused) as caught:
-        deploy(wanted, fake, report=report)
-    assert caught.value.details == (
-        "Deployment n/talker: the Secret x does not exist in the namespace n",
-        "Deployment n/talker: the ConfigMap y does not exist in the namespace n",
-    )
-    assert fake.writes == []
-    fake.create({**config("x"), "kind": "Secret"})
-    fake.create({**config("y"), "kind": "ConfigMap"})
-    deploy(wanted, fake, report=report)
-
-
 def test_what_must_not_be_read_counts_as_existing(fake: Any, report: Any) -> None:
     class Blind(type(fake)):  # type: ignore[misc]
         def get(self, ref: Any) -> Any:
@@ -106,10 +85,7 @@ def test_what_must_not_be_read_counts_as_existing(fake: Any, report: Any) -> Non
 
 
 def stored(name: str) -> dict[str, Any]:
-    return {
-        **claim(),
-        "spec": {"storageClassName": name, "resources": {"requests": {"storage": "1Gi"}}},
-    }
+    return claim(storageClassName=name, resources={"requests": {"storage": "1Gi"}})
 
 
 def test_a_storage_class_that_does_not_exist_is_refused(fake: Any, report: Any) -> None:
@@ -118,8 +94,7 @@ def test_a_storage_class_that_does_not_exist_is_refused(fake: Any, report: Any) 
         deploy(desired(stored("fast")), fake, report=report)
     assert "the StorageClass fast does not exist" in caught.value.details[0]
     assert fake.writes == []
-    made = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
-    fake.create({**made, "spec": {"storageClassName": "fast"}})
+    fake.create(make("PersistentVolume", "v", spec={"storageClassName": "fast"}))
     deploy(desired(stored("fast")), fake, report=report)
 
 
@@ -141,9 +116,7 @@ def test_only_an_empty_claim_is_replaced(
 ) -> None:
     """A mistake in its class is corrected by the next deploy; data are never deleted."""
     for name in ("slow", "fast"):
-        meta = {"name": name}
-        kind = {"apiVersion": "storage.k8s.io/v1", "kind": "StorageClass", "metadata": meta}
-        fake.create(kind)
+        fake.create(make("StorageClass", name))
     deploy(desired(stored("slow")), fake, report=report)
     old = fake.objects[ref("PersistentVolumeClaim", "data")]["metadata"]["uid"]
     fake.store.refuse = refuse_changes(fake)

@@ -108,3 +108,17 @@ def test_of_two_causes_one_is_shown() -> None:
     made.note_causes(1000.0)
     made.note_causes(1001.0)
     assert told.states == [("talker", "cannot be pulled", False)]
+
+
+def test_a_crash_is_shown_once_whatever_its_last_words() -> None:
+    """They may have another order after each restart of the container."""
+    told, words = Recorder(), iter(("one", "two"))
+
+    class Crashing(Standing):
+        def find_causes(self) -> Any:
+            return [(NEEDED, Cause("crash", f"exited ({next(words)})", brief="exited"))]
+
+    made = account(Crashing({NEEDED: workload()}), told)
+    made.note_causes(1000.0)
+    made.note_causes(1001.0)
+    assert told.states == [("talker", "exited (one)", False)]

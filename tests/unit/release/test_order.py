@@ -150,14 +150,6 @@ def test_a_master_goes_when_its_nodes_are_gone(
     assert set(seen("delete", "address")) <= {"ros-master"}, "its Service"
 
 
-def test_down_returns_when_the_last_pod_is_gone(fake: FakeCluster, report: Any) -> None:
-    """Who deploys anew at once must not meet the old pods."""
-    deploy(desired(workload("a"), workload("b")), fake, report=report)
-    slow(fake, a=30, b=3)
-    down(fake, RELEASE, volumes=False, report=report)
-    assert pods(fake) == {}
-
-
 def test_data_go_when_nothing_uses_them(fake: FakeCluster, report: Any, seen: Any) -> None:
     deploy(desired(MASTER, workload("a"), claim()), fake, report=report)
     slow(fake, **{"a": 20, "ros-master": 20})

@@ -19,41 +19,32 @@ from rigel_k8s.release.labelling import covers, hash_of, managers, manifests_to_
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check
 from rigel_k8s.release.survey import Survey
-from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision, Step, rank
-
-RELEASE = ReleaseId("n", "demo")
-NAMESPACE = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}}
-
-
-def made(kind: str, name: str, **content: Any) -> dict[str, Any]:
-    version = "apps/v1" if kind == "Deployment" else "v1"
-    meta = {"name": name, "namespace": "n"}
-    return {"apiVersion": version, "kind": kind, "metadata": meta, **content}
+from rigel_k8s.release.types import Desired, InventoryItem, Revision, Step, rank
+from tests.support.manifests import RELEASE, make
 
 
 def test_what_is_sent_is_labelled_hashed_and_in_order() -> None:
     """Configuration before services before workloads; the hash is of all that is said."""
-    one = Desired(RELEASE, (made("Deployment", "d"), made("Service", "s"), made("ConfigMap", "c")))
+    one = Desired(RELEASE, (make("Deployment", "d"), make("Service", "s"), make("ConfigMap", "c")))
     sent = manifests_to_apply(one)
     assert [m["kind"] for m in sent] == ["ConfigMap", "Service", "Deployment"]
     assert all(m["metadata"]["labels"][RELEASE_LABEL] == "demo" for m in sent)
     assert manifests_to_apply(attrs.evolve(one, objects=sent)) == sent, (
         "what is prepared stays as it is"
     )
-    other = manifests_to_apply(Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),)))
+    other = manifests_to_apply(Desired(RELEASE, (make("ConfigMap", "c", data={"a": "1"}),)))
     assert hash_of(other[0]) != hash_of(sent[0])
 
 
 def test_cluster_wide_objects_say_which_namespaces_release_they_are_of() -> None:
     """A release's name alone does not tell two namespaces apart."""
-    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
-    [sent] = manifests_to_apply(Desired(RELEASE, (volume,)))
+    [sent] = manifests_to_apply(Desired(RELEASE, (make("PersistentVolume", "v"),)))
     assert sent["metadata"]["annotations"]["rigel-k8s/namespace"] == "n"
 
 
 def test_string_data_becomes_data() -> None:
     """Kubernetes never shows stringData, so it could not be compared."""
-    [sent] = manifests_to_apply(Desired(RELEASE, (made("Secret", "s", stringData={"p": "x"}),)))
+    [sent] = manifests_to_apply(Desired(RELEASE, (make("Secret", "s", stringData={"p": "x"}),)))
     assert sent["data"] == {"p": base64.b64encode(b"x").decode()}
     assert "stringData" not in sent
 
@@ -86,15 +77,15 @@ OWNED = {
 )
 def test_ownership_is_read_from_managed_fields(spec: dict[str, Any], owned: object) -> None:
     """Fields, list items by key (with defaults) and by value, atomic values, empty ones."""
-    live = made("Deployment", "d")
+    live = make("Deployment", "d")
     entry = {"manager": "rigel", "operation": "Apply", "apiVersion": "v1", "fieldsV1": OWNED}
     live["metadata"]["managedFields"] = [entry]
-    assert covers(made("Deployment", "d", spec=spec), live) == owned
+    assert covers(make("Deployment", "d", spec=spec), live) == owned
 
 
 def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone() -> None:
     """kubectl's and Helm's become ours; what Kubernetes' controllers set stays theirs."""
-    live = made("Deployment", "d")
+    live = make("Deployment", "d")
     live["metadata"]["managedFields"] = [
         {"manager": "helm", "operation": "Update", "apiVersion": "v1", "fieldsV1": {"f:a": {}}},
         {"manager": "rigel", "operation": "Apply", "apiVersion": "v1", "fieldsV1": {"f:b": {}}},
@@ -110,16 +101,16 @@ def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone(
 
 def test_refusals_come_all_at_once_with_their_paths() -> None:
     """Two objects of another release: both told, where they came from, before any conflict."""
-    desired = Desired(RELEASE, (made("ConfigMap", "a"), made("ConfigMap", "b")))
+    desired = Desired(RELEASE, (make("ConfigMap", "a"), make("ConfigMap", "b")))
     desired = attrs.evolve(desired, origins={ref_of(desired.objects[1]): ("nodes", "b")})
     live = []
     for name in ("a", "b"):
-        other = made("ConfigMap", name)
+        other = make("ConfigMap", name)
         other["metadata"]["labels"] = {RELEASE_LABEL: "other"}
         live.append(other)
     there = {ref_of(o): o for o in live}
     sent = manifests_to_apply(desired)
-    survey = Survey(desired, sent, there, Foreseen(there), NAMESPACE, [], None)
+    survey = Survey(desired, sent, there, Foreseen(there), make("Namespace", "n"), [], None)
     with pytest.raises(Refused) as caught:
         check(survey, adopt=True)
     assert [p.path for p in caught.value.problems] == [(), ("nodes", "b")]
@@ -128,7 +119,7 @@ def test_refusals_come_all_at_once_with_their_paths() -> None:
 
 def test_a_record_keeps_everything_but_secrets() -> None:
     """Written and read again it is the same revision."""
-    objects = (made("ConfigMap", "c", data={"a": "1"}), made("Secret", "s", data={"p": "eA=="}))
+    objects = (make("ConfigMap", "c", data={"a": "1"}), make("Secret", "s", data={"p": "eA=="}))
     items = tuple(InventoryItem(ref_of(o), "u") for o in objects)
     revision = Revision(
         RELEASE, 7, "good", "2026-01-01T00:00:00Z", objects, items, {"x": 1}, "d", "1"
@@ -152,7 +143,7 @@ def test_a_record_of_a_later_format_says_so() -> None:
 def test_a_difference_shows_lines_and_hides_secrets() -> None:
     """As diff -u; a changed secret is told as changed without its value."""
     one, two = (
-        {**made("Secret", "s", data={"p": value, "q": "same"}), "type": "Opaque"}
+        {**make("Secret", "s", data={"p": value, "q": "same"}), "type": "Opaque"}
         for value in ("b2xk", "bmV3")
     )
     step = Step("change", ref_of(one), two, one, two)
@@ -165,7 +156,7 @@ def test_a_difference_shows_lines_and_hides_secrets() -> None:
 def test_a_difference_shows_which_binary_file_it_is() -> None:
     """Not kilobytes of base64; the same name may stand for another library."""
     one, two = (
-        made("ConfigMap", "c", data={"a.sh": "exit"}, binaryData={"a.so": value})
+        make("ConfigMap", "c", data={"a.sh": "exit"}, binaryData={"a.so": value})
         for value in ("b2xk", "bmV3")
     )
     text = difference([Step("change", ref_of(one), two, one, two)])
@@ -176,8 +167,8 @@ def test_a_difference_shows_which_binary_file_it_is() -> None:
 
 def config_steps(old: str, new: str) -> list[Step]:
     """Return the steps for a changed file: its ConfigMap gets another name."""
-    before = made("ConfigMap", "n-files-0123456789", data={"a.sh": old, "b.sh": "b\n" * 9})
-    after = made("ConfigMap", "n-files-abcdef0123", data={"a.sh": new, "b.sh": "b\n" * 9})
+    before = make("ConfigMap", "n-files-0123456789", data={"a.sh": old, "b.sh": "b\n" * 9})
+    after = make("ConfigMap", "n-files-abcdef0123", data={"a.sh": new, "b.sh": "b\n" * 9})
     return [
         Step("create", ref_of(after), after, None, after),
         Step("prune", ref_of(before), None, before, None),
@@ -212,7 +203,7 @@ def test_the_file_of_a_changed_line_is_named() -> None:
 def test_of_several_old_objects_one_is_compared_and_none_is_hidden() -> None:
     """Those that an interrupted deploy left are removed, too."""
     create, prune = config_steps("a\nb\n", "a\nc\n")
-    left = made("ConfigMap", "n-files-1111111111", data={"a.sh": "!lines 0"})
+    left = make("ConfigMap", "n-files-1111111111", data={"a.sh": "!lines 0"})
     text = difference([create, Step("prune", ref_of(left), None, left, None), prune])
     assert "-    b\n+    c\n" in text
     assert "-  a.sh: |-\n-    !lines 0\n" in text
@@ -222,7 +213,7 @@ def test_of_several_old_objects_one_is_compared_and_none_is_hidden() -> None:
 def files_steps(node: str, old: dict[str, str], new: dict[str, str]) -> list[Step]:
     """Return the steps for the changed files of a node."""
     found = [
-        made("ConfigMap", f"{node}-files-{digest * 10}", data=data)
+        make("ConfigMap", f"{node}-files-{digest * 10}", data=data)
         for digest, data in (("0", old), ("1", new))
     ]
     for one in found:

@@ -17,7 +17,7 @@ from rigel_k8s.release.revisions import history
 from rigel_k8s.release.rollout.patience import Patience
 from tests.support.controllers import running
 from tests.support.fake_cluster import FakeCluster, Killed
-from tests.support.manifests import RELEASE, config, desired, ref, workload
+from tests.support.manifests import RELEASE, desired, ref, workload
 from tests.support.podsecurity import list_missing
 from tests.support.recorder import Recorder
 from tests.support.releases import deploy
@@ -227,13 +227,6 @@ def test_a_registry_that_fails_for_a_moment_does_not_fail_the_update(
     assert [one.status for one in history(fake, RELEASE)] == ["superseded", "good"]  # type: ignore[arg-type]
 
 
-def test_a_pull_has_the_time_of_a_roll_out(fake: FakeCluster, first: Recorder) -> None:
-    pulls_are(fake, lambda pod: begin(fake, pod))
-    with pytest.raises(ClusterError, match=r"on node1 cannot .* app:2 is not pulled after 0.5 s"):
-        update(fake, first, timeout=0.5)
-    assert not any(map(is_pull, fake.list("v1", "Pod")))
-
-
 def test_an_interruption_deletes_what_pulls(fake: FakeCluster, first: Recorder) -> None:
     cancel = threading.Event()
     pulls_are(fake, lambda pod: begin(fake, pod))
@@ -258,33 +251,6 @@ def test_what_a_killed_process_left_is_removed(
     update(fake, first)
     assert len(made) == 1
     assert not any(map(is_pull, fake.list("v1", "Pod")))
-
-
-UNLIKE = {
-    "an unchanged image": workload(key="1"),
-    "optional": workload(image="app:2", **{OPTIONAL_ANNOTATION: "true"}),
-    "beside": workload("other", image="app:2"),
-}
-
-
-@pytest.mark.parametrize("case", UNLIKE)
-def test_other_changes_pull_nothing(
-    fake: FakeCluster, first: Recorder, made: list[Live], case: str
-) -> None:
-    """A workload that is new has no old pod; one that is optional may be without."""
-    update(fake, first, UNLIKE[case], config())
-    assert made == []
-
-
-@pytest.mark.parametrize("strategy", ["RollingUpdate", "Recreate"])
-def test_only_what_ends_first_is_pulled_for(
-    fake: FakeCluster, first: Recorder, made: list[Live], strategy: str
-) -> None:
-    """Others pull while the old pod works."""
-    changed = workload(image="app:2")
-    changed["spec"]["strategy"] = {"type": strategy}
-    update(fake, first, changed)
-    assert len(made) == (strategy == "Recreate")
 
 
 def test_a_machine_that_does_not_begin_is_not_waited_for(
@@ -378,6 +344,20 @@ def test_a_pull_policy_decides_as_it_does_for_the_pod() -> None:
     assert choose([has], policy="Always") == [("node1", {"app:2": "Always"})]
     assert choose([has], policy="Always", image=f"app@{DIGEST}") == []
     assert choose([node()], policy="Never") == []
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        workload(key="1"),
+        workload(image="app:2", **{OPTIONAL_ANNOTATION: "true"}),
+        {**workload(image="app:2"), "spec": {**workload(image="app:2")["spec"], "strategy": {}}},
+    ],
+    ids=["not its image", "optional", "rolling"],
+)
+def test_only_new_images_of_what_is_needed_and_ends_first_are_pulled(changed: Live) -> None:
+    """One that is optional may be without a pod; a rolling one pulls while the old pod works."""
+    assert pulling.choose([step(workload(), changed)], [pod()], [node()]) == []
 
 
 def test_machines_that_cannot_pull_or_run_the_pod_are_left_out() -> None:

@@ -250,6 +250,11 @@ def test_a_pod_tells_its_cause(status: dict[str, Any], kind: str, words: str) ->
     assert words in found.message
 
 
+def test_a_crash_is_known_again_without_its_last_words() -> None:
+    [found] = causes(live("Deployment", {}), [pod(**container(ended(3, message="no map")))], [])
+    assert found.message == f"{found.brief} (no map)"
+
+
 @pytest.mark.parametrize(
     "status",
     [

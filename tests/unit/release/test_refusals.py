@@ -13,7 +13,7 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.types import Desired
 from tests.support.fake_cluster import FakeCluster, cause, make_refusal
-from tests.support.manifests import NAMESPACE, RELEASE, config, workload
+from tests.support.manifests import RELEASE, claim, config, make, workload
 from tests.support.releases import deploy
 
 RIVAL = {**config("rival"), "data": {"a": "theirs"}}
@@ -48,7 +48,6 @@ LABEL = ("metadata.labels", "Invalid value: no label")
 FIXED = ("spec", "Forbidden: spec is immutable after creation except resources.requests")
 TEMPLATE = ("spec.template", "Invalid value: {}: field is immutable")
 SECURITY = denied('pods "talker-1" is forbidden: violates PodSecurity "restricted:latest": root')
-WEBHOOK = denied('admission webhook "a.example.org" denied the request: no owner')
 POLICY = denied("ValidatingAdmissionPolicy 'b' denied request: no team")
 LARGE = denied('pods "t" is forbidden: maximum cpu usage per Container is 1, but limit is 2')
 
@@ -76,11 +75,6 @@ CASES: Mapping[str, Case] = {
         {("PersistentVolumeClaim", "data"): invalid(FIXED, LABEL)},
         ["cannot go from 2Gi to 1Gi", "storageClassName slow", "no label"],
     ),
-    "two objects": (
-        (),
-        {("Deployment", "talker"): invalid(IMAGE), ("ConfigMap", "c"): invalid(LABEL)},
-        ["Deployment n/talker", "Required value", "ConfigMap n/c", "no label"],
-    ),
     "an object and its pod": (
         (),
         {("Deployment", "talker"): invalid(LABEL), ("Pod", "talker"): SECURITY},
@@ -95,11 +89,6 @@ CASES: Mapping[str, Case] = {
         (),
         {("Pod", "talker"): invalid(("spec.nodeName", "no such machine"), ("", "too many"))},
         ["spec.nodeName: no such machine", "too many"],
-    ),
-    "a webhook and a policy": (
-        (),
-        {("Deployment", "talker"): WEBHOOK, ("ConfigMap", "c"): POLICY},
-        ["no owner", "no team"],
     ),
     "a kind that is missing, and a field": (
         (),
@@ -128,15 +117,7 @@ CASES: Mapping[str, Case] = {
 
 
 def store_claim(size: str, storage_class: str) -> dict[str, Any]:
-    meta = {"name": "data", "namespace": NAMESPACE}
-    spec = {"storageClassName": storage_class, "resources": {"requests": {"storage": size}}}
-    return {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "metadata": meta, "spec": spec}
-
-
-def make(kind: str, name: str, **parts: Any) -> dict[str, Any]:
-    version = "batch/v1" if kind == "Job" else "v1"
-    meta = {"name": name, **({} if kind == "PersistentVolume" else {"namespace": NAMESPACE})}
-    return {"apiVersion": version, "kind": kind, "metadata": meta, **parts}
+    return claim(storageClassName=storage_class, resources={"requests": {"storage": size}})
 
 
 WANTED = (
@@ -187,8 +168,7 @@ def test_every_cause_is_named_before_anything_is_written(
     """One that is none, with a `!` here, is not."""
     there, answers, words = CASES[case]
     for name in ("fast", "slow"):
-        meta = {"name": name}
-        fake.create({"apiVersion": "storage.k8s.io/v1", "kind": "StorageClass", "metadata": meta})
+        fake.create(make("StorageClass", name))
     ours = tuple(BEFORE[name] for name in there if name in BEFORE)
     if ours:
         deploy(Desired(RELEASE, ours), fake, report=report)

@@ -19,8 +19,8 @@ from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
 from tests.support.fake_cluster import FakeCluster, Killed
-from tests.support.manifests import RELEASE, claim, config, workload
-from tests.support.releases import deploy, diff, down, rollback
+from tests.support.manifests import RELEASE, config, workload
+from tests.support.releases import deploy, diff, rollback
 
 
 def test_the_order_of_writes(fake: Any, report: Any) -> None:
@@ -257,13 +257,3 @@ def test_a_rollback_that_does_not_end_keeps_its_target(fake: Any, report: Any) -
     fake.store.refuse = lambda live, dry_run: None
     rollback(fake, RELEASE, target, report=report)
     assert fake.names("ConfigMap") == {"b"}
-
-
-def test_down_leaves_nothing_but_data(fake: Any, report: Any) -> None:
-    """Objects, revisions and the Lease go; a claim stays unless volumes are asked for."""
-    deploy(Desired(RELEASE, (config("a"), claim())), fake, report=report)
-    down(fake, RELEASE, volumes=False, report=report)
-    assert {ref.kind for ref in fake.objects} == {"Namespace", "PersistentVolumeClaim"}
-    down(fake, RELEASE, volumes=True, report=report)
-    assert {ref.kind for ref in fake.objects} == {"Namespace"}
-    assert down(fake, RELEASE, volumes=True, report=report).steps == ()

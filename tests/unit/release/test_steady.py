@@ -14,10 +14,10 @@ from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.standing import STEADY, CrashLog, Standing
 from rigel_k8s.release.rollout.view import ReleaseView, find_related
-from tests.support.clock import Leap, leap_when_shown
+from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import claim, desired, ref, workload
+from tests.support.manifests import desired, ref, workload
 from tests.support.releases import deploy
 
 TALKER = ref("Deployment", "talker")
@@ -130,36 +130,6 @@ def test_the_old_pod_of_a_recreate_is_none_of_the_newest(fake: FakeCluster) -> N
     assert related.list_newest_pods(live) == []
 
 
-def test_a_crash_is_shown_once_whatever_its_last_words(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They may have another order after each restart of the container."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.0)
-    count = itertools.count()
-    words = set()
-    find_causes = Standing.find_causes
-
-    def note_causes(self: Standing) -> list[Any]:
-        found = list(find_causes(self))
-        words.update(cause.message for _, cause in found)
-        return found
-
-    monkeypatch.setattr(Standing, "find_causes", note_causes)
-    clock = Leap(lambda: len(words) > 2, Patience().crash)
-    monkeypatch.setattr(wait, "time", clock)
-
-    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
-        status = crash_status(pod)
-        for container in status["containerStatuses"]:
-            container["lastState"]["terminated"]["message"] = f"pick {next(count)}"
-        return status
-
-    fake.store.controllers = Controllers(kubelet)
-    with pytest.raises(RolloutFailed):
-        deploy(desired(workload()), fake, report=report)
-    assert len([text for _, text, _ in report.states if "exited" in text]) == 1
-
-
 def test_nodes_that_end_alike_fail_as_early_as_one(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,69 +161,6 @@ def test_nodes_that_end_alike_fail_as_early_as_one(
     with pytest.raises(RolloutFailed, match=r"(talker, listener|listener, talker) did not become"):
         deploy(desired(workload(), workload("listener")), fake, report=report)
     assert sum(len(look) > 1 for look in looks) == 1
-
-
-@pytest.mark.parametrize("key", ["command", "args"])
-def test_a_command_that_does_not_find_ros_has_its_hint(
-    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch, key: str
-) -> None:
-    """The image's ENTRYPOINT loads ROS, and `command` takes its place."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
-
-    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
-        status = crash_status(pod)
-        ended = status["containerStatuses"][0]["lastState"]["terminated"]
-        ended["message"] = "ModuleNotFoundError: No module named 'rospy'"
-        return status
-
-    fake.store.controllers = Controllers(kubelet)
-    node = workload()
-    node["spec"]["template"]["spec"]["containers"][0][key] = ["python3", "talker.py"]
-    hasty = Patience(crash=0.1, crash_limit=0.2)
-    with pytest.raises(RolloutFailed) as caught:
-        deploy(desired(node), fake, report=report, patience=hasty, timeout=30)
-    assert ("use `args`" in str(caught.value.hint)) is (key == "command")
-
-
-LINE = "[ERROR] Error writing: Error opening file: /bags/run.bag.active"
-
-
-@pytest.mark.parametrize(
-    ("volume", "mount", "line", "named"),
-    [
-        ({"hostPath": {"path": "/srv/bags"}}, {}, LINE, True),
-        ({"persistentVolumeClaim": {"claimName": "bags-pvc"}}, {}, LINE, True),
-        ({"persistentVolumeClaim": {"claimName": "other"}}, {}, LINE, False),
-        ({"hostPath": {"path": "/srv/bags"}}, {"readOnly": True}, LINE, False),
-        ({"hostPath": {"path": "/srv/bags"}}, {}, "[ERROR] no such topic", False),
-        ({"hostPath": {"path": "/srv/bags"}}, {}, "writing to /bags/run", False),
-        ({"emptyDir": {}}, {}, LINE, False),
-    ],
-)
-def test_a_folder_of_the_machine_that_cannot_be_written_is_named(
-    fake: FakeCluster,
-    report: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    volume: Any,
-    mount: Any,
-    line: str,
-    named: bool,  # noqa: FBT001
-) -> None:
-    """The program names where it sees the folder, and its exit code may be 0."""
-    monkeypatch.setattr(wait, "EXPLAIN", 0.02)
-    monkeypatch.setattr(FakeCluster, "logs", lambda *_, **__: iter([line]))
-    fake.store.controllers = Controllers(crash_status)
-    node, held = workload(), claim("bags-pvc")
-    pod = node["spec"]["template"]["spec"]
-    pod["volumes"] = [{"name": "v", **volume}]
-    pod["containers"][0]["volumeMounts"] = [{"name": "v", "mountPath": "/bags", **mount}]
-    held["spec"] = {"volumeName": "bags-pv", "storageClassName": ""}
-    disk = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "bags-pv"}}
-    fake.create(claim("other"))
-    wanted = desired(node, held, {**disk, "spec": {"hostPath": {"path": "/srv/bags"}}})
-    with pytest.raises(RolloutFailed) as caught:
-        deploy(wanted, fake, report=report, patience=Patience(crash=0.1, crash_limit=0.2))
-    assert ("write to /srv/bags of its machine" in str(caught.value.hint)) is named
 
 
 def test_a_wait_for_what_was_refused_to_look_at_ends(

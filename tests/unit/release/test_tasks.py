@@ -21,7 +21,7 @@ from tests.support.controllers import Controllers, ended, running
 from tests.support.fake_cluster import FakeCluster, make_refusal
 from tests.support.manifests import RELEASE, desired, workload
 from tests.support.recorder import Recorder
-from tests.support.releases import deploy, diff, down, rollback
+from tests.support.releases import deploy, diff, rollback
 
 JOB = ObjectRef("batch/v1", "Job", "n", "spawn")
 WORDS = "loading\nRuntimeError: no controller arm\n"
@@ -202,12 +202,6 @@ def test_a_node_becomes_a_task_without_two_of_its_name(cluster: Any, machine: Ma
     deploy(desired(task(singleton="/spawn")), cluster, report=report)
     assert pods == [set()]
     assert cluster.names("Deployment") == set()
-
-
-def test_down_deletes_it_with_its_pod(cluster: Any, machine: Machine) -> None:
-    deploy(desired(task()), cluster, report=Recorder())
-    down(cluster, RELEASE, report=Recorder(), volumes=False)
-    assert not cluster.names("Job", "Pod")
 
 
 def test_done_in_status_is_no_reason_to_look(cluster: Any, machine: Machine) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -15,51 +14,46 @@ from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check, explain, find_conflicts, find_unowned
 from rigel_k8s.release.survey import Survey
 from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
-from tests.support.manifests import NAMESPACE, RELEASE, config, desired
+from tests.support.manifests import RELEASE, claim, config, desired, make
 from tests.support.releases import deploy
 
 IMMUTABLE = ("spec", "field is immutable after creation")
 
 
-def stored(kind: str, spec: Mapping[str, Any]) -> dict[str, Any]:
-    where = {} if kind == "PersistentVolume" else {"namespace": NAMESPACE}
-    return {"apiVersion": "v1", "kind": kind, "metadata": {"name": "x", **where}, "spec": spec}
-
-
-def claim(size: str, **spec: Any) -> dict[str, Any]:
-    return stored("PersistentVolumeClaim", {"resources": {"requests": {"storage": size}}, **spec})
+def sized(size: str, **spec: Any) -> dict[str, Any]:
+    return claim("x", resources={"requests": {"storage": size}}, **spec)
 
 
 @pytest.mark.parametrize(
     ("live", "wanted", "cause", "words"),
     [
-        (claim("2Gi"), claim("1Gi"), IMMUTABLE, "a claim cannot go from 2Gi to 1Gi"),
+        (sized("2Gi"), sized("1Gi"), IMMUTABLE, "a claim cannot go from 2Gi to 1Gi"),
         (
-            claim("1Gi", storageClassName="a"),
-            claim("1Gi", storageClassName="b"),
+            sized("1Gi", storageClassName="a"),
+            sized("1Gi", storageClassName="b"),
             IMMUTABLE,
             "it exists with storageClassName a, the Rigelfile now has storageClassName b",
         ),
-        (claim("1Gi"), claim("1Gi"), ("spec.x", "no"), "spec.x: no"),
+        (sized("1Gi"), sized("1Gi"), ("spec.x", "no"), "spec.x: no"),
         (
-            stored("PersistentVolume", {}),
-            stored("PersistentVolume", {}),
+            make("PersistentVolume", "x", spec={}),
+            make("PersistentVolume", "x", spec={}),
             IMMUTABLE,
             "Kubernetes never changes where a volume's data are",
         ),
         (
-            stored("Deployment", {}),
-            stored("Deployment", {}),
+            make("Deployment", "x", spec={}),
+            make("Deployment", "x", spec={}),
             ("spec.selector", "field is immutable"),
             "Kubernetes never changes which pods a Deployment selects",
         ),
         (
-            stored("StatefulSet", {}),
-            stored("StatefulSet", {}),
+            make("StatefulSet", "x", spec={}),
+            make("StatefulSet", "x", spec={}),
             ("spec", "Forbidden: updates to statefulset spec for fields other than"),
             "or delete it first: kubectl -n n delete statefulset x",
         ),
-        (None, stored("Job", {}), IMMUTABLE, "spec: field is immutable after creation"),
+        (None, make("Job", "x", spec={}), IMMUTABLE, "spec: field is immutable after creation"),
     ],
 )
 def test_what_cannot_change_has_a_way_out(
@@ -98,7 +92,7 @@ def test_what_we_made_is_ours_without_its_label(uid: str, ours: Any) -> None:
 
 def test_an_object_of_the_whole_cluster_names_its_owners_namespace(fake: Any, report: Any) -> None:
     """The robots of a fleet have releases of one name, and a volume of one name at first."""
-    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "bags-pv"}}
+    volume = make("PersistentVolume", "bags-pv")
     deploy(Desired(RELEASE, (volume,), create_namespace=True), fake, report=report)
     other = Desired(ReleaseId("robot-02", RELEASE.name), (volume,), create_namespace=True)
     with pytest.raises(Refused) as caught:

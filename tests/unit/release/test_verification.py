@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.release.revisions import find_last_good, history
 from rigel_k8s.release.types import Plan
 from tests.support.manifests import RELEASE, config, desired, workload
@@ -78,17 +78,6 @@ def test_what_the_verification_refuses_has_failed(fake: Any, report: Any) -> Non
     assert last.number == 1
     assert rollback(fake, RELEASE, 1, report=report).number == 3
     assert statuses(fake) == ["superseded", "failed", "good"]
-
-
-def test_an_interrupted_verification_leaves_the_revision_open(fake: Any, report: Any) -> None:
-    deploy(desired(config("a", k="1")), fake, report=report)
-
-    def verify() -> None:
-        raise Interrupted("stopped")
-
-    with pytest.raises(Interrupted):
-        deploy(desired(config("a", k="2")), fake, report=report, verify=verify)
-    assert statuses(fake) == ["good", "interrupted"]
 
 
 def test_a_failure_before_the_first_write_leaves_no_revision(fake: Any, report: Any) -> None:

@@ -11,6 +11,7 @@ from rigel_muto.agent.commands import (
     Arrival,
     Command,
     ComponentState,
+    Executor,
     Message,
     Outcome,
     Query,
@@ -50,7 +51,7 @@ class Remembering:
 
 def give(
     dialect: Dialect,
-    executor: Remembering,
+    executor: Executor,
     topic: str,
     payload: object,
     reporter: Recorder | None = None,

@@ -22,8 +22,6 @@ from rigel_muto.agent.address import Login
 from rigel_muto.agent.allowance import Allowance
 from rigel_muto.execution import serving
 from rigel_muto.execution.serving import read_login, serve_health
-from tests.support.controllers import running as running_pod
-from tests.support.controllers import unready
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running
 from tests.support.recorder import Recorder
 from tests.support.until import until
@@ -148,25 +146,6 @@ def test_symphony_applies_and_removes_components(
         ask("DELETE", one=texts["one"])
         until(lambda: [one["name"] for one in ask("GET", **texts)] == ["two"], "the other one")
         until(lambda: agent.nodes == {"b"}, "the end of the other one's node")
-
-
-def test_a_command_that_came_while_the_agent_was_away_is_carried_out(
-    agent: Agent, broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And one that the agent before has not finished."""
-    controllers: Any = agent.fake.store.controllers
-    controllers.kubelet = unready
-    with Peer(broker.port, ANSWERS) as peer:
-        with serve(agent, broker, monkeypatch):
-            send_start(peer, stack("org:x", "c"), b"1")
-            assert receive(peer)["state"] == "accepted"
-        controllers.kubelet = running_pod
-        with serve(agent, broker, monkeypatch):
-            until(lambda: "org:x is active" in agent.report.lines, "the first command")
-        send_start(peer, stack("org:y", "d"), b"2")
-        with serve(agent, broker, monkeypatch):
-            assert receive(peer)["result"] == "success"
-            until(lambda: agent.nodes == {"d"}, "the second stack")
 
 
 def test_kubernetes_learns_why_the_broker_is_not_heard() -> None:

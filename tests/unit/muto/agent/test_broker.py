@@ -80,35 +80,6 @@ def test_a_thousand_commands_in_a_row_are_carried_out_in_their_order(mosquitto: 
         assert running_agent.wait_for(1000) == names(1000)
 
 
-def test_a_broker_that_is_killed_loses_no_command(mosquitto: Mosquitto) -> None:
-    """Those before, those that wait for their turn, and those after; each once."""
-    go_on = threading.Event()
-
-    def wait(_: Command) -> Outcome:
-        go_on.wait(30)
-        return Outcome(Stage.ACCEPTED)
-
-    with (
-        agent(mosquitto.port, Remembering(wait)) as running_agent,
-        Peer(mosquitto.port, "answers") as peer,
-    ):
-        for number in range(100):
-            peer.send(START, name(number), wait=False)
-        mosquitto.save(name(99))
-        mosquitto.kill()
-        until(lambda: not running_agent.broker.is_ready, "end of the connection", every=0.02)
-        mosquitto.start()
-        wait_until_ready(running_agent.broker, running_agent.reporter)
-        peer.send(START, name(100))
-        go_on.set()
-        assert running_agent.wait_for(101) == names(101)
-        warnings = running_agent.reporter.warnings
-        assert len(warnings) == len(set(warnings)) <= 3, warnings
-        assert len(running_agent.reporter.lines) == 2, "connected, and connected again"
-        settle(peer)
-    assert list_rest(mosquitto) == []
-
-
 def settle(peer: Peer) -> None:
     """Return when the broker has all acknowledgements of what was sent before."""
     peer.send(f"{THING}/agent/commands/ping", b"", response_topic="answers")
@@ -237,16 +208,6 @@ def test_a_command_is_kept_until_it_can_be_stored(mosquitto: Mosquitto) -> None:
         assert json.loads(peer.receive().payload)["message"] == "stored at last"
         assert running_agent.wait_for(3) == ["stack-0"] * 3
         assert running_agent.reporter.warnings == ["the cluster is away; trying again"]
-
-
-def test_an_agent_that_ends_leaves_what_could_not_be_stored(mosquitto: Mosquitto) -> None:
-    def fail(_: Command) -> Outcome:
-        raise Unavailable("the cluster is away")
-
-    with agent(mosquitto.port, Remembering(fail)) as running_agent, Peer(mosquitto.port) as peer:
-        peer.send(START, name(0))
-        running_agent.wait_for(1)
-    assert list_rest(mosquitto) == [START]
 
 
 def test_messages_that_no_one_keeps_do_not_fill_the_memory(

@@ -14,15 +14,11 @@ from typing import Any
 import pytest
 
 from rigel_k8s.settings import Settings
-from rigel_muto.agent import serving
-from rigel_muto.agent.broker import Delivery
-from rigel_muto.agent.commands import Arrival
 from rigel_muto.agent.protocols.ros1 import Ros1
 from rigel_muto.agent.serving import Dialect
 from rigel_muto.agent.wanted import Wanted
 from rigel_muto.execution.executor import ReleaseExecutor
 from rigel_muto.execution.target import DeployedJob
-from tests.support.recorder import Recorder
 
 from . import test_ditto as ditto
 from . import test_ros1 as ros1
@@ -154,18 +150,8 @@ def replace(stack: Any, path: tuple[Any, ...], value: Any) -> Any:
     return changed
 
 
-def send(executor: ReleaseExecutor, stack: Any) -> dict[str, Any]:
-    """Send a start with a whole stack, and return its answer."""
-    payload, reporter = json.dumps(stack).encode(), Recorder()
-    topic = f"{DEVICE}/stack/commands/start"
-    delivery = Delivery(arrival=Arrival(topic=topic, payload=payload, response_topic="answers"))
-    [message] = serving.answer(delivery, [Ros1(DEVICE)], executor, reporter)
-    assert not reporter.texts
-    answered: dict[str, Any] = json.loads(message.payload)
-    return answered
-
-
 START = "stack/commands/start"
+TOPIC = f"{DEVICE}/{START}"
 TARGET = {"topic": "a", "correlation": "1"}
 COMPONENTS = [symphony.component(name, method="apply", action="start") for name in "ab"]
 #: By protocol: what hears, the topic, a message, and the paths of fields that it passes over.
@@ -283,7 +269,8 @@ def test_a_wrong_value_in_any_field_is_refused(agent: Agent, distro: str, stack:
     tried, carried = 0, []
     for path in list_paths(stack):
         for value in list_wrong(path, find(stack, path)):
-            answered = send(executor, replace(stack, path, value))
+            changed = replace(stack, path, value)
+            [(_, answered)] = give(Ros1(DEVICE), executor, TOPIC, changed, response_topic="answers")
             tried += 1
             if answered.get("status") != "EXCEPTION" or not answered["error"]:
                 carried.append((path, value, answered))

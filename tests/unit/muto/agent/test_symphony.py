@@ -186,39 +186,20 @@ def test_other_targets_and_who_cannot_be_answered_are_ignored(request_: Any) -> 
     [
         (write("PUT", deploy(component())), "unknown method"),
         (write(REMOVED, deploy(component())), "unknown method"),  # type: ignore[arg-type]
-        (write(5, deploy(component())), '"method" must'),  # type: ignore[arg-type]
         (write("POST", deploy(component()), route="needsupdate"), "unknown route"),
-        (write("POST", deploy(component()), route=[]), '"route" must'),
         (write("POST", 0, body=REMOVED), "is not JSON"),
         (write("POST", 0, body="%%"), "is not base64"),
-        (write("POST", 0, body=[1]), '"body" must'),
         (write("POST", b"{"), "the body is not JSON"),
         (write("POST", [1]), "the body must be an object"),
-        (
-            write("POST", deploy(component()), metadata={"request-id": "r-1", "active-target": 1}),
-            '"active-target" must',
-        ),
         (
             write(
                 "POST", deploy(component(), activeTarget=REMOVED), metadata={"request-id": "r-1"}
             ),
             "names a target",
         ),
-        (
-            write("POST", deploy(component(), activeTarget=1), metadata={"request-id": "r-1"}),
-            '"activeTarget" must',
-        ),
-        (write("POST", deploy(component(), solution="demo")), '"solution" must'),
         (write("POST", deploy(solution=REMOVED)), "no component"),
-        (write("POST", deploy(component(), solution={"spec": []})), '"spec" must'),
         (write("POST", deploy(component(), solution={"spec": {"components": {}}})), '"components"'),
-        (
-            write("POST", deploy(component(), solution={"spec": {"components": "a"}})),
-            '"components" must',
-        ),
-        (write("POST", deploy("a")), "a component must"),
         (write("POST", deploy(component(name=""))), "name of its own"),
-        (write("POST", deploy(component(name=5))), '"name" must'),  # type: ignore[arg-type]
         (write("POST", deploy(component(), component())), "name of its own"),
         (write("POST", deploy(*(component(str(n)) for n in range(51)))), "more than 50"),
         (write("POST", deploy(component(), componentStartIndex=-1)), "whole number"),
@@ -226,14 +207,10 @@ def test_other_targets_and_who_cannot_be_answered_are_ignored(request_: Any) -> 
         (write("POST", deploy(component(), componentEndIndex=True)), "whole number"),
         (write("POST", deploy(component(), componentEndIndex=2)), "componentEndIndex is 2"),
         (write("POST", deploy(component(), isDryRun=True)), "dry runs"),
-        (write("POST", deploy(component(), isDryRun=1)), "true or false"),
         (write("POST", deploy()), "no component"),
         (write("DELETE", deploy()), "no component"),
         (write("POST", deploy(component(type="helm"))), "no component"),
-        (write("POST", deploy(component(type=5))), '"type" must'),
-        (write("POST", deploy({"name": "a", "properties": "x"})), '"properties" must'),
         (write("POST", deploy(component(method="kill"))), 'requests "kill"'),
-        (write("POST", deploy(component(action=5))), '"action" must'),
         (write("POST", deploy(component(method="apply", action="kill"))), 'requests "kill"'),
         (write("POST", deploy(component(data=None))), "base64 or an object"),
         (write("POST", deploy(component(data="%%"))), "not base64"),
@@ -253,6 +230,7 @@ def test_other_targets_and_who_cannot_be_answered_are_ignored(request_: Any) -> 
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_wrong_is_answered_and_nothing_else_happens(request_: Any, error: str) -> None:
+    """Values of a wrong type, in any field, are in test_fields.py."""
     executor = Remembering()
     state, body = ask(executor, request_)
     assert (state, error in body["error"]) == (400, True), body

@@ -14,22 +14,11 @@ from rigel_graph.discovery.inside import Unread
 from rigel_graph.idle import list_busy, wait_until_idle
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.release.types import ReleaseId
+from tests.support.notes import SECOND, answer, process, publisher, subscription
 from tests.support.recorder import Recorder
 
 RELEASE = ReleaseId("robots", "lab")
 PODS = [SimpleNamespace(key=str(n), has_layer=True, running=True) for n in range(4)]
-
-
-SECOND = 10**9
-
-
-def part(kind: str, name: str, last: int) -> dict[str, Any]:
-    """A publisher or subscription with its last message at a second, 0 for none."""
-    made = dict.fromkeys(
-        ("created", "longest", "count", "bytes", "refused", "dropped", "matched", "age"), 0
-    )
-    own = {"kind": kind, "name": name, "last": last * SECOND, "node": "/teleop", "type": "T"}
-    return {**made, **own}
 
 
 class Cluster:
@@ -39,13 +28,11 @@ class Cluster:
         self.goals = goals
 
     def parallel(self, function: Any, items: Any) -> list[Any]:
-        made = []
-        for goals in self.goals:
-            process = {"mode": 0, "ended": False, "stands": 0, "pid": 7, "entities": []}
-            if goals is not None:
-                process["goals"] = goals
-            made.append({"first": {"now": 10 * SECOND, "processes": [process]}})
-        return [Unread("lidar-1", "it has no Python"), *made]
+        made = [process(goals=goals) for goals in self.goals]
+        for one in made:
+            if one["goals"] is None:
+                del one["goals"]
+        return [Unread("lidar-1", "it has no Python"), *({"first": answer(one)} for one in made)]
 
 
 @pytest.fixture(autouse=True)
@@ -66,16 +53,10 @@ def test_a_topic_is_busy_until_it_has_been_silent_for_its_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Publishers count, not who hears; one that has not published yet is silent."""
-    entities = [
-        part("publisher", "/cmd_vel", 8),
-        part("publisher", "/cmd_vel", 2),
-        part("publisher", "/arm", 4),
-        part("publisher", "/never", 0),
-        part("subscription", "/heard", 9),
-        part("publisher", "/other", 9),
-    ]
-    process = {"mode": 0, "ended": False, "stands": 0, "pid": 7, "entities": entities}
-    answers = {"pod": {"first": {"now": 10 * SECOND, "processes": [process]}}}
+    published = (("/cmd_vel", 8), ("/cmd_vel", 2), ("/arm", 4), ("/never", 0), ("/other", 9))
+    parts = [publisher("/teleop", topic, last=second * SECOND) for topic, second in published]
+    parts.append(subscription("/teleop", "/heard", last=9 * SECOND))
+    answers = {"pod": {"first": answer(process("/teleop", parts=parts), now=10 * SECOND)}}
     monkeypatch.setattr(idle, "ask_all", lambda *_: (answers, []))
     silent = dict.fromkeys(("/cmd_vel", "/arm", "/never", "/heard"), 3.0)
     assert list_busy(Cluster(), RELEASE, silent) == ["/cmd_vel is published"]  # type: ignore[arg-type]

@@ -23,6 +23,7 @@ from rigel_k8s.commands.pods import Pod
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.release.types import ReleaseId
+from tests.support.notes import SECOND, answer, process, publisher, subscription
 from tests.support.pythons import find_python
 
 from .local import POD
@@ -353,18 +354,9 @@ def test_two_readings_of_ros_1_are_a_rate() -> None:
 
 def notes(seconds: int, sent: int, taken: int) -> dict[str, Any]:
     """What a pod has noted at a moment."""
-    from tests.support.notes import SECOND
-
-    def end(kind: str, count: int) -> dict[str, Any]:
-        known = {"kind": kind, "name": "/scan", "node": f"/{kind}", "type": "t", "created": 1}
-        zeros = dict.fromkeys(("answers", "bytes", "age", "refused", "dropped"), 0)
-        last = (seconds + 99) * SECOND
-        return {**known, **zeros, "count": count, "last": last, "longest": SECOND / 2, "matched": 1}
-
-    executor = {"kind": "executor", "name": "", "node": "", "created": 1}
-    process = {"pid": 1, "mode": 0, "ended": False, "stands": 0, "seen": []}
-    process["entities"] = [executor, end("publisher", sent), end("subscription", taken)]
-    return {"now": (seconds + 99) * SECOND, "processes": [process]}
+    at: dict[str, Any] = {"last": (seconds + 99) * SECOND, "longest": SECOND // 2, "matched": 1}
+    ends = publisher("/a", "/scan", sent, **at), subscription("/a", "/scan", taken, **at)
+    return answer(process("/a", parts=ends), now=at["last"])
 
 
 def test_a_beat_of_ros_2_is_what_its_publishers_count() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -12,17 +11,16 @@ import pytest
 from rigel_graph import watching
 from rigel_graph.discovery import check as graph
 from rigel_k8s import kube
-from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
+from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
-from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions, types
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Application, Settings
 from tests.support.clock import leap_when_shown
 from tests.support.controllers import Controllers, running, unready
-from tests.support.fake_cluster import FakeCluster, make_refusal
+from tests.support.fake_cluster import FakeCluster
 from tests.support.options import options
 from tests.support.recorder import Recorder
 
@@ -75,30 +73,6 @@ def test_robots_do_not_wait_for_dashboards(
     run(WHOLE, distro="noetic", timeout=60)
     assert any("loki" in text and "everything else" in text for text in report.warnings)
     assert "talker" in fake.names("Deployment")
-
-
-def test_all_parts_are_refused_at_once(run: Any, fake: FakeCluster) -> None:
-    """What is wrong with the application, and with the stack."""
-    fake.store.refuse = refuse_talker
-    needs_operator = {
-        "enabled": True,
-        "existing": {"prometheus": True},
-        "grafana": {"enabled": False},
-    }
-    with pytest.raises(UserError, match="2 things keep this job from being deployed") as caught:
-        run({**WHOLE, "observability": needs_operator}, distro="noetic")
-    told = "\n".join(caught.value.details)
-    assert "Deployment n/talker" in told
-    assert "prometheus-operator is not installed" in told
-    assert fake.writes == []
-
-
-def refuse_talker(live: dict[str, Any], dry_run: bool) -> Refusal | None:  # noqa: FBT001
-    """Refuse one Deployment, as an admission policy does."""
-    del dry_run
-    if (live["kind"], live["metadata"].get("name")) != ("Deployment", "talker"):
-        return None
-    return make_refusal("apply talker", 422, "Invalid", "talkers are not allowed")
 
 
 @pytest.mark.parametrize(("distro", "looks"), [("noetic", 0), ("jazzy", 1)])
@@ -176,15 +150,6 @@ def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
     assert "sleep 11" in json.dumps(live["spec"])
 
 
-def test_a_first_deploy_that_fails_has_nothing_to_go_back_to(run: Any, fake: FakeCluster) -> None:
-    """It stays as it was applied, to be looked at."""
-    fake.store.controllers = Controllers(unready)
-    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
-    with pytest.raises(RolloutFailed, match=r"there is no earlier good revision to go back to"):
-        run(raw, distro="noetic", timeout=0.2, rollback_on_failure=True)
-    assert "talker" in fake.names("Deployment")
-
-
 def test_the_commands_of_a_robots_hint_work_as_they_are_printed(
     run: Any, fake: FakeCluster
 ) -> None:
@@ -202,20 +167,6 @@ def test_the_commands_of_a_robots_hint_work_as_they_are_printed(
     )
     alone = "`rigel logs talker` shows its output; `rigel status` shows its state"
     assert hints == [of_robot, alone, of_robot]
-
-
-def test_a_cancelled_job_ends_its_deploy(
-    fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(kube, "connect", lambda settings: fake)
-    cancel = threading.Event()
-    cancel.set()
-    raw = {"image": IMAGE, "nodes": NODES}
-    where = Settings(namespace="n")
-    job = JobContext("deploy", Application("noetic"), report, where, raw=raw, cancel=cancel)
-    with pytest.raises(RigelK8sError, match="before anything was changed"):
-        OrchestrationJob().run(options(raw), job)
-    assert fake.names("Deployment", "ConfigMap") == set()
 
 
 def test_adopt_reaches_the_deploy(run: Any, fake: FakeCluster) -> None:

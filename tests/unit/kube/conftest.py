@@ -11,8 +11,16 @@ import pytest
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.target import Target
+from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, HttpServer, serving
 
+REF = ObjectRef("v1", "ConfigMap", "robot", "c")
+MANIFEST = {
+    "apiVersion": "v1",
+    "kind": "ConfigMap",
+    "metadata": {"name": "c", "namespace": "robot"},
+    "data": {"a": "1"},
+}
 Serve: TypeAlias = Callable[..., tuple[Cluster, HttpServer]]
 
 

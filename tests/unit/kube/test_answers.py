@@ -13,16 +13,10 @@ from rigel_k8s.kube import transport as resending
 from rigel_k8s.kube import watching
 from rigel_k8s.kube.failures import Garbled, Missing, refusal
 from rigel_k8s.kube.target import Credentials
-from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange
 
-REF = ObjectRef("v1", "ConfigMap", "robot", "c")
-MANIFEST = {
-    "apiVersion": "v1",
-    "kind": "ConfigMap",
-    "metadata": {"name": "c", "namespace": "robot"},
-    "data": {"a": "1"},
-}
+from .conftest import MANIFEST, REF
+
 GARBAGE = {
     "empty": b"",
     "bad UTF-8": b'{"metadata": {"name": "\xff\xfe"}}',

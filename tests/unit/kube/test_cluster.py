@@ -12,14 +12,9 @@ from rigel_k8s.kube.store import ANYTHING, NOTHING, Onto, this_object, this_stat
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, HttpServer, Request
 
-REF = ObjectRef("v1", "ConfigMap", "robot", "c")
+from .conftest import MANIFEST, REF
+
 PATH = "/api/v1/namespaces/robot/configmaps"
-MANIFEST = {
-    "apiVersion": "v1",
-    "kind": "ConfigMap",
-    "metadata": {"name": "c", "namespace": "robot"},
-    "data": {"a": "1"},
-}
 
 
 def answer_with(body: object, status: int = 200) -> Any:

@@ -174,15 +174,6 @@ def test_a_head_that_is_no_text_is_no_websocket(serve: Any) -> None:
         client.run("n", "p", ["x"])
 
 
-def test_no_server_is_told() -> None:
-    """As for any other request."""
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.kube.target import Target
-
-    with pytest.raises(ClusterError, match="does not answer"):
-        Cluster(Target("http://127.0.0.1:1", "far")).run(*POD, ["true"])
-
-
 # Streams and terminals.
 
 

@@ -89,7 +89,7 @@ def test_an_open_page_does_not_keep_it_from_ending(tmp_path: Path) -> None:
     with rigel_ui(tmp_path, "demo") as process:
         address = find_address(tmp_path)
         with urllib.request.urlopen(f"{address}live", timeout=60) as page:
-            assert b"cluster" in page.readline() + page.readline()
+            assert any(b"cluster" in line for line in page), "the page is open"
             process.terminate()
             assert process.wait(60) == 0
 

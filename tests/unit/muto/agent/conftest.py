@@ -91,7 +91,7 @@ def agent(
     """An agent whose Rigelfile deploys the release `robot` into the namespace `n`."""
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
     monkeypatch.setattr(target, "connect", lambda settings: fake)
-    monkeypatch.setattr(reading, "read_graph", lambda cluster, release, *, span: RosGraph())
+    monkeypatch.setattr(reading, "read_graph", lambda *_, **__: RosGraph())
     monkeypatch.setattr(executors, "LOOK", 0.1)
     look = DeployedJob.look
 

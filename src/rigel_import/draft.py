@@ -14,6 +14,7 @@ from rigel_k8s.yaml_text import document
 
 #: What marks the use of a var inside of a text; no file of a robot contains these characters.
 VAR_START, VAR_END = "\ue000", "\ue001"
+WIDTH = 100
 DEPLOY = {"plugin": "rigel_k8s.OrchestrationPlugin"}
 #: An opening brace of a template that stands for itself.
 LITERAL = '{{ "{{" }}'
@@ -142,7 +143,7 @@ def _comment(draft: Draft, node: str | None, indent: int) -> Iterator[str]:
         if remark.node == node:
             yield from textwrap.wrap(
                 f"{remark.place}: {remark.message}".replace("\n", " "),
-                width=100,
+                width=WIDTH,
                 initial_indent=lead,
                 subsequent_indent=lead,
                 break_long_words=False,

@@ -108,11 +108,13 @@ def add_ports(service: Service) -> None:
         port: dict[str, Any] = {"port": int(target)}
         if protocol.lower() == "udp":
             port["protocol"] = "UDP"
-        taken = [one | {"service_port": 0} for one in service.options.get("ports", ())]
-        if published != target and port | {"service_port": 0} in taken:
-            service.remark(item, f"{published} is not carried over: {target} has one port already")
-        if port | {"service_port": 0} not in taken:
+        others = [dict(one) for one in service.options.get("ports", ())]
+        for one in others:
+            one.pop("service_port", None)
+        if port not in others:
             port |= {"service_port": int(published)} if published != target else {}
             service.append("ports", port)
+        elif published != target:
+            service.remark(item, f"{published} is not carried over: {target} has one port already")
     if content.get("ports").elements():
         service.remark(content.get("ports"), OUTSIDE)

@@ -26,12 +26,16 @@ from rigel_k8s.ros import CURRENT
 MIDDLEWARE = "rmw_(fastrtps|cyclonedds|zenoh)_cpp"
 #: Top-level keys that are read elsewhere, or say nothing about the services.
 READ = ("services", "name", "version", "volumes")
-#: Further ones, and what takes their place.
 MERGED = "import the output of `docker compose config`, which has all services"
+#: Further ones, and what takes their place.
 OTHERS = {
     "include": MERGED,
     "networks": "nodes share the job's `network`",
 }
+#: Keys whose value may be a list of NAME=value.
+NAMED = ("environment", "args")
+#: Lists that replace those of the service that is extended; others are joined.
+REPLACED = ("command", "entrypoint")
 
 
 def read(file: Path, directory: Path) -> Draft:
@@ -138,7 +142,7 @@ class Project:
 
 def merge(base: Value, own: Value, key: str = "") -> Value:
     """Return a value of a service over that of the service that it extends."""
-    if key in ("environment", "args"):  # which may be lists of NAME=value
+    if key in NAMED:
         return attrs.evolve(own, content={**base.pairs(), **own.pairs()})
     if isinstance(base.content, dict) and isinstance(own.content, dict):
         both = {
@@ -146,8 +150,7 @@ def merge(base: Value, own: Value, key: str = "") -> Value:
             for name, value in own.content.items()
         }
         return attrs.evolve(own, content={**base.content, **both})
-    joined = key not in ("command", "entrypoint")
-    if joined and isinstance(base.content, list) and isinstance(own.content, list):
+    if isinstance(base.content, list) and isinstance(own.content, list) and key not in REPLACED:
         return attrs.evolve(own, content=[*base.content, *own.content])
     return own
 

@@ -27,11 +27,12 @@ LOST = {
     "on_exit": "Kubernetes starts this node again, and stops no other one",
     "required": "Kubernetes starts this node again, and stops no other one",
     "ros_args": "add its words to `args`",
+    "set_use_sim_time": "set `parameters: { use_sim_time: true }` of the nodes",
 }
 UNNAMED: Options = {"anonymous": True, "update": {"strategy": "Recreate"}}
 NO_NAME = "it has no fixed name; if you know it, set it, without `anonymous` and `update`"
 #: Tags without an effect on a cluster.
-IGNORED = ("log", "log_info", "machine", "set_use_sim_time", "test")
+IGNORED = ("log", "log_info", "machine", "test")
 
 
 def take(scope: Scope, entities: Iterable[Entity], tags: Tags) -> None:

@@ -18,6 +18,10 @@ from rigel_k8s.errors import CommandFailed, UserError
 from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.system.process import LAST_LINES, Finished, finish
 
+#: Seconds for pulling the image and evaluating the file.
+PATIENCE = 1800
+#: Seconds in which a program must say that it works.
+PROBE = 60
 NEEDS = "the image needs python3 and ros2launch, and an ENTRYPOINT that sets up ROS 2"
 
 
@@ -42,7 +46,7 @@ def evaluate(request: Mapping[str, Any], image: str, folders: Iterable[Path]) ->
     done = finish(
         [*words, name, "python3", "-c", script, json.dumps(request)],
         what=f"{Path(program).name} run {image}",
-        timeout=1800,  # the image may be pulled first
+        timeout=PATIENCE,
     )
     return read_output(done, image)
 
@@ -52,7 +56,7 @@ def find_program() -> str:
     for name in ("docker", "podman"):
         program = shutil.which(name)
         with suppress(CommandFailed):
-            if program and finish([program, "version"], timeout=60).code == 0:
+            if program and finish([program, "version"], timeout=PROBE).code == 0:
                 return program
     raise UserError(
         "neither docker nor podman works here, to evaluate a launch file in Python in its image",

@@ -444,6 +444,11 @@ def test_components_belong_to_their_container() -> None:
     assert {remark.node for remark in draft.remarks} == {"box", None}
 
 
+def test_the_time_of_a_simulation_is_a_remark() -> None:
+    text = f'{NODE2}<set_use_sim_time value="true"/>'
+    assert "set `parameters: { use_sim_time: true }` of the nodes" in list_remarks(convert(text))
+
+
 def test_a_prefix_that_an_argument_leaves_empty_is_none() -> None:
     text = '<arg name="a" default=""/><node pkg="p" exec="t" name="n" launch-prefix="$(var a)"/>'
     assert list_remarks(convert(text)).count("\n") == 0

@@ -100,6 +100,8 @@ class GraphWatch:
         self.last_good = last.number
         if not uses_ros(plan):
             return
+        from rigel_graph.reading import list_objects
+
         self.reporter.progress("ROS graph", "being read before the update")
         try:
             listed = list_objects(self.cluster, self.release)
@@ -260,13 +262,6 @@ def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
     if len(lines) <= MOST:
         return lines
     return (*lines[: MOST - 1], f"and {len(lines) - MOST + 1} more; `rigel graph` shows all")
-
-
-def list_objects(cluster: Cluster, release: ReleaseId) -> Listed:
-    """Return what a release has now."""
-    from rigel_graph import reading
-
-    return reading.list_objects(cluster, release)
 
 
 def read_graph(

@@ -295,7 +295,9 @@ def works_on(step: Step) -> bool:
     """Whether a step ends no node before another one, which waits first, takes over from it."""
     if not changes_pods(step) or step.action == "create":
         return True
-    if step.result is None or count_pods(step.result) < count_pods(step.live):
+    if step.result is None or step.replaces:
+        return False
+    if count_pods(step.result) < count_pods(step.live):
         return False
     containers = step.result["spec"]["template"]["spec"]["containers"]
     return any(env["name"] == HANDS_OVER for one in containers for env in one.get("env") or ())

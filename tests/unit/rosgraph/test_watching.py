@@ -6,6 +6,7 @@ import threading
 from typing import Any
 from unittest.mock import Mock
 
+import attrs
 import pytest
 
 from rigel_graph import watching
@@ -99,3 +100,32 @@ def test_what_runs_once_is_not_missed_afterwards() -> None:
     plan = Plan(RELEASE, (Step("keep", ref, {"kind": "Job"}, {"kind": "Job"}),))
     graph = RosGraph((GraphNode("/spawn", workload="spawn"), GraphNode("/arm", workload="arm")))
     assert watching.list_removed(plan, graph) == {"/spawn"}
+
+
+def run_node(image: str, *, hands_over: bool = True, replicas: int = 1) -> dict[str, Any]:
+    """Return a Deployment."""
+    env = [{"name": "RIGEL_K8S_PEERS", "value": "arm-pods"}] if hands_over else []
+    pod = {"spec": {"containers": [{"image": image, "env": env}]}}
+    return {"kind": "Deployment", "spec": {"replicas": replicas, "template": pod}}
+
+
+@pytest.mark.parametrize(
+    ("action", "live", "result", "works"),
+    [
+        ("change", run_node("a"), run_node("b"), True),
+        ("change", run_node("a", hands_over=False), run_node("b"), True),
+        ("change", run_node("a"), run_node("b", hands_over=False), False),
+        ("change", run_node("a"), run_node("b", replicas=0), False),
+        ("create", None, run_node("b", hands_over=False), True),
+        ("prune", run_node("a"), None, False),
+    ],
+    ids=["hands over", "begins to", "ends first", "has fewer pods", "is new", "is removed"],
+)
+def test_old_nodes_are_read_beside_new_ones_only_if_they_work_on(
+    action: Any, live: Any, result: Any, *, works: bool
+) -> None:
+    ref = ObjectRef("apps/v1", "Deployment", "robots", "arm")
+    step = Step(action, ref, result or live, live, result)
+    assert watching.works_on(step) is works
+    replaced = attrs.evolve(step, replaces=True)  # deleted first, since it cannot be changed
+    assert watching.works_on(replaced) is (action == "create")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -230,12 +231,13 @@ def test_a_harmless_update_is_read_twice(world: World) -> None:
 
 
 def test_it_is_read_before_the_first_write(world: World) -> None:
-    """What is written ends nodes."""
-    seen: list[bool] = []
-    world.at_first = lambda: seen.append(world.is_updated())
+    """What is written ends nodes; so the same thread reads first, and writes then."""
+    seen: list[tuple[bool, bool]] = []
+    writer = threading.current_thread()
+    world.at_first = lambda: seen.append((world.is_updated(), threading.current_thread() is writer))
     world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
     world.deploy()
-    assert seen == [False]
+    assert seen == [(False, True)]
 
 
 def test_nodes_that_hand_over_are_read_while_new_ones_start(bare: World) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -78,7 +79,7 @@ class GraphWatch:
     last_good: int | None = None
     _first: bool = False
     _before: RosGraph | None = None
-    _reading: threading.Thread | None = None
+    _reading: Future[None] | None = None
     _removed: frozenset[str] = frozenset()
     _broken: list[Verdict] = attrs.field(factory=list)
 
@@ -109,8 +110,7 @@ class GraphWatch:
             self._warn("is not compared", error)
             return
         if all(map(works_on, plan.changes)):
-            self._reading = threading.Thread(target=self._read, args=(plan, listed), daemon=True)
-            self._reading.start()
+            self._reading = ThreadPoolExecutor(1).submit(self._read, plan, listed)
         else:
             self._read(plan, listed)
 
@@ -182,9 +182,10 @@ class GraphWatch:
         It is compared again until it is not worse, at most for the patience and one look. Of
         several rates of a topic the highest counts: one look is too short for slow topics.
         """
-        while self._reading is not None and self._reading.is_alive():
-            self._reading.join(SOON)
-            self._pause("still being read before the update", 0.0)
+        if self._reading is not None:
+            while wait([self._reading], timeout=SOON).not_done:
+                self._pause("still being read before the update", 0.0)
+            self._reading.result()
         if self._before is None:
             return None
         from rigel_graph.comparison import compare

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 import attrs
 import pytest
 
-from rigel_graph import watching
+from rigel_graph import reading, watching
 from rigel_graph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Plan, ReleaseId, Step
@@ -129,3 +129,18 @@ def test_old_nodes_are_read_beside_new_ones_only_if_they_work_on(
     assert watching.works_on(step) is works
     replaced = attrs.evolve(step, replaces=True)  # deleted first, since it cannot be changed
     assert watching.works_on(replaced) is (action == "create")
+
+
+def test_an_error_of_the_reading_beside_is_raised_where_it_is_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It would be printed by a thread otherwise, and the update would pass as one without ROS."""
+    watch = watch_graphs(monkeypatch, [RosGraph()], [[]])
+    monkeypatch.setattr(watching, "find_last_good", lambda *_: Mock(number=1))
+    monkeypatch.setattr(watching, "uses_ros", lambda _: True)
+    monkeypatch.setattr(reading, "list_objects", lambda *_: None)
+    monkeypatch.setattr(watching, "read_graph", Mock(side_effect=ZeroDivisionError))
+    ref = ObjectRef("apps/v1", "Deployment", "robots", "arm")
+    watch.begin(Plan(RELEASE, (Step("change", ref, {}, run_node("a"), run_node("b")),)))
+    with pytest.raises(ZeroDivisionError):
+        watch.find_differences()

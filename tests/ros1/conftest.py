@@ -14,7 +14,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tarfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -32,6 +31,7 @@ from rigel_k8s.app.generations.ros1.master import MASTER_OPTIONS, ROSCORE
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
+from tests.support.builds import Reporter
 from tests.support.until import until
 
 T = TypeVar("T")
@@ -58,21 +58,6 @@ hostname "$NAME"
 printf '127.0.0.1 localhost\\n%s %s\\n' "$ADDRESS" "$NAME" >etc/hosts
 exec chroot . env -i "$@"
 """
-
-
-class Reporter:
-    """Shows the build of the base image where pytest shows output."""
-
-    def line(self, text: str) -> None:
-        sys.stdout.write(text + "\n")
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.line(f"{key}: {state}")
-
-    def child(self, name: str) -> Reporter:
-        return self
 
 
 @attrs.define

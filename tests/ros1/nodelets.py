@@ -9,8 +9,9 @@ from pathlib import Path
 
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.images.ros1base import build
+from tests.support.builds import Reporter
 
-from .conftest import Reporter, unpack
+from .conftest import unpack
 
 #: Says on one topic what it hears on another, with its parameter words/before in front.
 NODELET = """

@@ -13,10 +13,27 @@ import time
 from collections.abc import Callable
 
 from rigel_lab.cluster import components
+from rigel_lab.images.ros1base import recipe
 
+from . import arm64
 from .rust import Missing, rustdds_node
 
 STARTED = time.monotonic()
+
+
+class Reporter:
+    """Prints the progress of a build."""
+
+    def line(self, text: str) -> None:
+        sys.stdout.write(text + "\n")
+
+    warn = line
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.line(f"{key}: {state}")
+
+    def child(self, name: str) -> Reporter:
+        return self
 
 
 def report(line: str) -> None:
@@ -35,6 +52,16 @@ def image(*words: str) -> Callable[[], object]:
     return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
+def emulated() -> None:
+    """Build the ROS 1 base image for arm64, whose programs run under QEMU for ten minutes.
+
+    It stays in the cache alone: in podman it would have the name of this machine's image.
+    """
+    if arm64.possible():
+        with arm64.emulated():
+            recipe.build(Reporter(), arch="arm64")
+
+
 #: What the proof needs.
 PROOF: dict[str, Callable[[], object]] = {
     "the local cluster": programs("multus", "kubectl"),
@@ -50,6 +77,8 @@ ALL = PROOF | {
     "Promtail and the Prometheus operator": programs("promtail", "prometheus-operator"),
     "the ROS 2 base image, kilted": image("rigel_lab", "ros2-base", "--distro", "kilted"),
     "the image of Muto's agent": image("rigel_k8s", "image", "muto-agent"),
+    "the ROS 1 base image with a compiler": lambda: recipe.build(Reporter(), variant="devel"),
+    "the ROS 1 base image for arm64": emulated,
 }
 
 

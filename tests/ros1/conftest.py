@@ -28,10 +28,10 @@ import rigel_inpod
 from rigel_gate.program import program
 from rigel_k8s.app.generations.ros1.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
 from rigel_k8s.app.generations.ros1.master import MASTER_OPTIONS, ROSCORE
+from rigel_k8s.cli.reports import Lines
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
-from tests.support.builds import Reporter
 from tests.support.until import until
 
 T = TypeVar("T")
@@ -368,7 +368,7 @@ def base_image() -> BaseImage:
     missing = [tool for tool in ("ip", "nsenter", "unshare") if not shutil.which(tool)]
     if missing:
         pytest.skip(f"pods of namespaces need {', '.join(missing)} (Debian: iproute2, util-linux)")
-    return build(Reporter())
+    return build(Lines())
 
 
 @pytest.fixture(scope="session")

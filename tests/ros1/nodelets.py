@@ -7,9 +7,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from rigel_k8s.cli.reports import Lines
 from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.images.ros1base import build
-from tests.support.builds import Reporter
 
 from .conftest import unpack
 
@@ -66,7 +66,7 @@ def make_package(room: Path) -> dict[str, str | bytes]:
     Args:
         room: an empty directory to compile in.
     """
-    devel = build(Reporter(), variant="devel").archive
+    devel = build(Lines(), variant="devel").archive
     made = hashlib.sha256(f"{devel.name} {NODELET} {COMPILE}".encode()).hexdigest()[:16]
     target = cache_dir() / "tests" / f"libecho-{made}.so"
     with locked(target.with_suffix(".lock")):

@@ -11,29 +11,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
+from rigel_k8s.cli.reports import Lines
 from rigel_lab.cluster import components
-from rigel_lab.images.ros1base import recipe
+from rigel_lab.images import ros1base
 
 from . import arm64
 from .rust import Missing, rustdds_node
 
 STARTED = time.monotonic()
-
-
-class Reporter:
-    """Prints the progress of a build."""
-
-    def line(self, text: str) -> None:
-        sys.stdout.write(text + "\n")
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.line(f"{key}: {state}")
-
-    def child(self, name: str) -> Reporter:
-        return self
 
 
 def report(line: str) -> None:
@@ -52,14 +39,20 @@ def image(*words: str) -> Callable[[], object]:
     return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-def emulated() -> None:
-    """Build the ROS 1 base image for arm64, whose programs run under QEMU for ten minutes.
+def ros1(**options: Any) -> None:
+    """Build a ROS 1 base image, for the cache alone.
 
-    It stays in the cache alone: in podman it would have the name of this machine's image.
+    In podman one for arm64 would have the name of this machine's.
     """
+    ros1base.build(Lines(quiet=True), **options)
+
+
+def for_arm64() -> None:
+    """Build what tests of arm64 need, where its programs run: QEMU takes ten minutes for some."""
     if arm64.possible():
+        arm64.build_containerd()
         with arm64.emulated():
-            recipe.build(Reporter(), arch="arm64")
+            ros1(arch="arm64")
 
 
 #: What the proof needs.
@@ -77,8 +70,8 @@ ALL = PROOF | {
     "Promtail and the Prometheus operator": programs("promtail", "prometheus-operator"),
     "the ROS 2 base image, kilted": image("rigel_lab", "ros2-base", "--distro", "kilted"),
     "the image of Muto's agent": image("rigel_k8s", "image", "muto-agent"),
-    "the ROS 1 base image with a compiler": lambda: recipe.build(Reporter(), variant="devel"),
-    "the ROS 1 base image for arm64": emulated,
+    "the ROS 1 base image with a compiler": lambda: ros1(variant="devel"),
+    "containerd and the ROS 1 base image for arm64": for_arm64,
 }
 
 

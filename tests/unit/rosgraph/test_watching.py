@@ -139,7 +139,7 @@ def test_an_error_of_the_reading_beside_is_raised_where_it_is_compared(
     monkeypatch.setattr(watching, "find_last_good", lambda *_: Mock(number=1))
     monkeypatch.setattr(watching, "uses_ros", lambda _: True)
     monkeypatch.setattr(reading, "list_objects", lambda *_: None)
-    monkeypatch.setattr(watching, "read_graph", Mock(side_effect=ZeroDivisionError))
+    monkeypatch.setattr(watching, "read_graph", Mock(side_effect=[ZeroDivisionError, RosGraph()]))
     ref = ObjectRef("apps/v1", "Deployment", "robots", "arm")
     watch.begin(Plan(RELEASE, (Step("change", ref, {}, run_node("a"), run_node("b")),)))
     with pytest.raises(ZeroDivisionError):
